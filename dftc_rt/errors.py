@@ -1,0 +1,103 @@
+"""Errors: one root, each also a built-in type, each carrying its data.
+
+The exit code of a command is the ``exit_code`` of the error that ended it; the
+message is the one line that the user sees.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+
+class DftcError(Exception):
+    """Root of every error this project raises on purpose."""
+
+    exit_code: ClassVar[int] = 1
+
+
+class InputError(DftcError, ValueError):
+    """Bad usage or bad input: says what, where, and what was expected.
+
+    Attributes:
+        where: File, key path, joint or frame that is wrong.
+        what: What was found there.
+        expected: What would have been accepted ("" when obvious from ``what``).
+    """
+
+    exit_code: ClassVar[int] = 2
+
+    def __init__(self, where: str, what: str, expected: str = "") -> None:
+        self.where = where
+        self.what = what
+        self.expected = expected
+        tail = f" (expected {expected})" if expected else ""
+        super().__init__(f"{where}: {what}{tail}")
+
+
+class MissingFileError(InputError, FileNotFoundError):
+    """A file that the user named does not exist."""
+
+    def __str__(self) -> str:
+        tail = f" (expected {self.expected})" if self.expected else ""
+        return f"{self.where}: {self.what}{tail}"
+
+
+class EnvironmentLacksError(DftcError, OSError):
+    """The machine lacks something: says what, and how to get it.
+
+    Attributes:
+        lacks: What is missing.
+        remedy: How to get it.
+    """
+
+    exit_code: ClassVar[int] = 3
+
+    def __init__(self, lacks: str, remedy: str) -> None:
+        self.lacks = lacks
+        self.remedy = remedy
+        super().__init__(f"{lacks}; {remedy}")
+
+    def __str__(self) -> str:
+        return f"{self.lacks}; {self.remedy}"
+
+
+class DriveError(DftcError, RuntimeError):
+    """A drive did not answer, or answered what it should not, during set-up.
+
+    Attributes:
+        joint: Joint whose drive it is ("" when the whole bus is meant).
+        node_id: CANopen node id (0 when the whole bus is meant).
+        bus: Logical bus name.
+        what: What went wrong.
+    """
+
+    exit_code: ClassVar[int] = 1
+
+    def __init__(self, joint: str, node_id: int, bus: str, what: str) -> None:
+        self.joint = joint
+        self.node_id = node_id
+        self.bus = bus
+        self.what = what
+        who = f"{joint} (node {node_id} on {bus})" if joint else bus
+        super().__init__(f"{who}: {what}")
+
+
+class BusError(DftcError, OSError):
+    """A bus went away or cannot be opened.
+
+    Attributes:
+        bus: Logical bus name or interface.
+        what: What went wrong.
+    """
+
+    def __init__(self, bus: str, what: str) -> None:
+        self.bus = bus
+        self.what = what
+        super().__init__(f"{bus}: {what}")
+
+    def __str__(self) -> str:
+        return f"{self.bus}: {self.what}"
+
+
+class LogError(InputError):
+    """A log cannot be read: torn, foreign, or lacking a topic."""
