@@ -1,0 +1,169 @@
+"""The scenario file: one run, from robot to faults, as frozen typed structures.
+
+Every key is checked: an unknown key, a wrong type or a value out of range is refused
+with its path. ``docs/contract.md`` describes each key for users.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+Positive = Annotated[float, Meta(gt=0)]
+NonNegative = Annotated[float, Meta(ge=0)]
+Fraction = Annotated[float, Meta(ge=0, le=1)]
+Scalars = float | tuple[float, ...]  # one value for all joints, or one per joint
+
+
+class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Base of every table: immutable, unknown keys refused."""
+
+
+class RobotTable(_Strict):
+    """``[robot]``: which robot; either ``name`` or ``urdf``."""
+
+    name: str | None = None
+    urdf: str | None = None
+    lock: tuple[str, ...] = ()
+    home_rad: tuple[float, ...] | None = None
+
+
+class ReferenceTable(_Strict):
+    """``[reference]``: desired motion about the home pose."""
+
+    kind: Literal["hold", "sine", "multisine", "waypoints", "csv", "paper1", "paper2"] = "multisine"
+    amplitude_rad: Scalars = 0.35
+    frequency_hz: Positive | tuple[Positive, Positive] = (0.1, 0.5)
+    sines: Annotated[int, Meta(ge=1, le=64)] = 4
+    seed: int = 7
+    blend_s: NonNegative = 1.0
+    times_s: tuple[float, ...] = ()
+    positions_rad: tuple[tuple[float, ...], ...] = ()
+    file: str | None = None
+
+
+class ControlTable(_Strict):
+    """``[control]``: which law, and its settings."""
+
+    law: str = "dftc"
+    ftc: bool = True
+    interconnection: Literal["frozen", "desired", "measured"] = "desired"
+    local_terms: Literal["exact", "tabulated"] = "exact"
+    gains: dict[str, Any] = {}
+
+
+class ExecutorTable(_Strict):
+    """``[executor]``: the fixed-rate loop."""
+
+    rate_hz: Annotated[float, Meta(ge=1, le=10_000)] = 1000.0
+    overrun: Literal["skip", "catch_up", "stop"] = "skip"
+    read_budget: Literal["auto"] | Annotated[float, Meta(gt=0, le=1)] = "auto"
+
+
+class BusTable(_Strict):
+    """``[bus]``: how frames travel."""
+
+    interface: str = "auto"
+    timing: Literal["off", "account"] = "account"
+    profile: Literal["cia402"] = "cia402"
+    bitrate: Annotated[int, Meta(ge=10_000, le=1_000_000)] = 1_000_000
+    data_bitrate: Annotated[int, Meta(ge=10_000, le=8_000_000)] = 5_000_000
+
+
+class SupervisorTable(_Strict):
+    """``[supervisor]``: limits that end in a safe stop."""
+
+    tracking_error_rad: Positive = 0.5
+    stale_cycles: Annotated[int, Meta(ge=1)] = 20
+    rho_min: Annotated[float, Meta(gt=0, lt=1)] = 0.15
+    saturation_s: Positive = 1.0
+    stop_ramp_s: Positive = 0.3
+
+
+class PlantTable(_Strict):
+    """``[rig.plant]``: the true robot; the controller is not told."""
+
+    substeps: Annotated[int, Meta(ge=1, le=1000)] = 4
+    q0_rad: tuple[float, ...] | None = None
+    v0_rad_s: tuple[float, ...] | None = None
+    payload_kg: NonNegative = 0.0
+    payload_com_m: tuple[float, float, float] = (0.0, 0.0, 0.1)
+    viscous: Scalars = 0.0
+    coulomb: Scalars = 0.0
+    armature: Scalars | None = None
+
+
+class DriveTable(_Strict):
+    """``[rig.drive]``: the emulated drives."""
+
+    encoder_bits: Annotated[int, Meta(ge=4, le=31)] = 19
+    velocity_noise_rad_s: NonNegative = 0.002
+    torque_lag_s: NonNegative = 0.001
+    watchdog_s: Positive = 0.02
+
+
+class RigTable(_Strict):
+    """``[rig]``: the robot's stand-in."""
+
+    plant: PlantTable = PlantTable()
+    drive: DriveTable = DriveTable()
+
+
+class _Fault(_Strict, tag_field="kind"):
+    joint: str
+    start_s: NonNegative = 0.0
+    end_s: Positive = 1e9
+
+
+class LossFault(_Fault, tag="loss"):
+    """Constant partial loss: the motor delivers ``effectiveness`` of its torque."""
+
+    effectiveness: Fraction
+
+
+class RampFault(_Fault, tag="ramp"):
+    """Incipient loss: effectiveness falls linearly from 1 to ``to`` in ``over_s``."""
+
+    to: Fraction
+    over_s: Positive
+
+
+class SineFault(_Fault, tag="sine"):
+    """Effectiveness ``mean + amplitude cos(omega t)``, t since the run began."""
+
+    mean: Fraction
+    amplitude: Fraction
+    omega_rad_s: Positive
+
+
+class IntermittentFault(_Fault, tag="intermittent"):
+    """Loss that comes and goes: ``effectiveness`` for ``duty`` of each period."""
+
+    effectiveness: Fraction
+    period_s: Positive
+    duty: Fraction = 0.5
+
+
+class TotalFault(_Fault, tag="total"):
+    """Total loss: no torque at all."""
+
+
+Fault = LossFault | RampFault | SineFault | IntermittentFault | TotalFault
+
+
+class Scenario(_Strict):
+    """One run. See the module's docstring."""
+
+    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9._-]+$")]
+    robot: RobotTable
+    seed: int = 1
+    duration_s: Annotated[float, Meta(gt=0, le=86_400)] = 20.0
+    reference: ReferenceTable = ReferenceTable()
+    control: ControlTable = ControlTable()
+    executor: ExecutorTable = ExecutorTable()
+    bus: BusTable = BusTable()
+    supervisor: SupervisorTable = SupervisorTable()
+    rig: RigTable = RigTable()
+    fault: tuple[Fault, ...] = ()
