@@ -111,26 +111,26 @@ class RigTable(_Strict):
     drive: DriveTable = DriveTable()
 
 
-class _Fault(_Strict, tag_field="kind"):
+class _Fault(_Strict, tag_field="kind", kw_only=True):
     joint: str
     start_s: NonNegative = 0.0
     end_s: Positive = 1e9
 
 
-class LossFault(_Fault, tag="loss"):
+class LossFault(_Fault, tag="loss", kw_only=True):
     """Constant partial loss: the motor delivers ``effectiveness`` of its torque."""
 
     effectiveness: Fraction
 
 
-class RampFault(_Fault, tag="ramp"):
+class RampFault(_Fault, tag="ramp", kw_only=True):
     """Incipient loss: effectiveness falls linearly from 1 to ``to`` in ``over_s``."""
 
     to: Fraction
     over_s: Positive
 
 
-class SineFault(_Fault, tag="sine"):
+class SineFault(_Fault, tag="sine", kw_only=True):
     """Effectiveness ``mean + amplitude cos(omega t)``, t since the run began."""
 
     mean: Fraction
@@ -138,7 +138,7 @@ class SineFault(_Fault, tag="sine"):
     omega_rad_s: Positive
 
 
-class IntermittentFault(_Fault, tag="intermittent"):
+class IntermittentFault(_Fault, tag="intermittent", kw_only=True):
     """Loss that comes and goes: ``effectiveness`` for ``duty`` of each period."""
 
     effectiveness: Fraction
@@ -146,7 +146,7 @@ class IntermittentFault(_Fault, tag="intermittent"):
     duty: Fraction = 0.5
 
 
-class TotalFault(_Fault, tag="total"):
+class TotalFault(_Fault, tag="total", kw_only=True):
     """Total loss: no torque at all."""
 
 
