@@ -1,0 +1,144 @@
+"""What a record is: a flat float64 array whose CDR encoding is itself.
+
+A ROS 2 message that has only ``float64`` fields is, in CDR (little-endian, no padding
+between 8-byte fields), the encapsulation header ``00 01 00 00`` and then the numbers. So
+a record is logged as it lies in memory, and read back with ``frombuffer``.
+
+    /cycle   t lateness compute exchange state | rows x joints   (controller)
+    /rig     t                                 | rows x joints   (rig)
+
+The per-joint part is a C-ordered matrix ``(rows, n)``: field-major, ``q_<joint 1> ...
+q_<joint n>, v_<joint 1> ...``.
+
+ROS 2 allows field names of lower-case letters, digits and single underscores that do not
+end in one (https://design.ros2.org/articles/legacy_interface_definition.html). Joint names
+of real robots break each of these (``LF_HAA``, ``a__b``). Log viewers take any
+identifier; to build a ROS 2 *package* from the definition, rename such joints.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from dftc_rt.errors import InputError
+
+CDR_HEADER: Final = b"\x00\x01\x00\x00"  # CDR, little-endian, no options
+CYCLE_HEADER: Final = ("t", "lateness", "compute", "exchange", "state")
+RIG_HEADER: Final = ("t",)
+RIG_ROWS: Final = ("q", "v", "tau_applied", "rho", "fault", "cmd_age")
+
+_UNITS: Final = {
+    "t": "s, scheduled time of the cycle",
+    "lateness": "s, wake-up after the scheduled time",
+    "compute": "s, time of the update",
+    "exchange": "s, time of the bus exchange",
+    "state": "state of the executor",
+    "q": "rad (m for a prismatic joint)",
+    "v": "rad/s",
+    "qd": "rad, desired",
+    "vd": "rad/s, desired",
+    "ad": "rad/s^2, desired",
+    "tau_law": "Nm, of the law, before the gain",
+    "tau_cmd": "Nm, as sent",
+    "tau_applied": "Nm, applied",
+    "rho": "effectiveness, true",
+    "rho_hat": "effectiveness, estimated",
+    "rho_std": "its standard deviation",
+    "observable": "1 while rho can be observed",
+    "verdict": "0 healthy, 1 loss, 2 payload, 3 disturbance, 4 not observable, 5 sensor, "
+    "6 unknown, 7 anomaly",
+    "s": "rad/s, sliding variable",
+    "residual": "Nm",
+    "age": "cycles, of the measurement",
+    "fault": "1 while a fault acts on the joint",
+    "cmd_age": "cycles since the actuated command was sent",
+}
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where each number of a record is.
+
+    Attributes:
+        topic: MCAP topic.
+        schema: ROS 2 type name.
+        header: Names of the leading scalars; the first is ``t`` in s.
+        rows: Names of the per-joint rows.
+        joints: Joint names as the robot has them, in order.
+    """
+
+    topic: str
+    schema: str
+    header: tuple[str, ...]
+    rows: tuple[str, ...]
+    joints: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """Float64 per record."""
+        return len(self.header) + len(self.rows) * len(self.joints)
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Field names in the order of the record."""
+        safe = [field_name(joint) for joint in self.joints]
+        return self.header + tuple(f"{row}_{joint}" for row in self.rows for joint in safe)
+
+    @property
+    def definition(self) -> str:
+        """The ``.msg`` text."""
+        notes = [_UNITS.get(name, "") for name in self.header]
+        notes += [_UNITS.get(row, "") for row in self.rows for _ in self.joints]
+        lines = [
+            f"float64 {name}" + (f"  # {note}" if note else "")
+            for name, note in zip(self.fields, notes, strict=True)
+        ]
+        return "\n".join(lines) + "\n"
+
+
+def field_name(joint: str) -> str:
+    """Joint name as part of a field name: what is not in ``[A-Za-z0-9_]`` becomes ``_``."""
+    return re.sub(r"[^A-Za-z0-9_]", "_", joint)
+
+
+def cycle_layout(joints: Sequence[str], rows: Sequence[str]) -> Layout:
+    """Layout of ``/cycle``.
+
+    Args:
+        joints: Joint names, in order.
+        rows: Names of the rows of the controller's record matrix.
+
+    Raises:
+        InputError: Two fields would have the same name.
+    """
+    return _checked(Layout("/cycle", "dftc_rt/msg/Cycle", CYCLE_HEADER, tuple(rows), tuple(joints)))
+
+
+def rig_layout(joints: Sequence[str]) -> Layout:
+    """Layout of ``/rig``: what the rig knows and the controller never sees.
+
+    Raises:
+        InputError: Two fields would have the same name.
+    """
+    return _checked(Layout("/rig", "dftc_rt/msg/Rig", RIG_HEADER, RIG_ROWS, tuple(joints)))
+
+
+def _checked(layout: Layout) -> Layout:
+    if not layout.joints:
+        raise InputError(layout.topic, "no joints", "at least one")
+    origin: dict[str, str] = dict.fromkeys(layout.header, "the header")
+    names = iter(layout.fields[len(layout.header) :])
+    for row in layout.rows:
+        for joint in layout.joints:
+            field = next(names)
+            if field in origin:
+                raise InputError(
+                    f"joint {joint!r}",
+                    f"its field {field!r} of {layout.topic} clashes with {origin[field]}",
+                    "joint names that differ in letters, digits or underscores",
+                )
+            origin[field] = f"{row} of joint {joint!r}"
+    return layout
