@@ -1,0 +1,1 @@
+"""CAN buses: sockets, the user-space bus, bit times and budgets."""

@@ -1,0 +1,1 @@
+"""The rig's end of the buses: ports, arbitration, accounting."""

@@ -1,0 +1,42 @@
+"""What has gone over one bus."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class BusStatistics:
+    """Counts since the bus was opened. Bits are zero with timing ``off``.
+
+    Attributes:
+        bitrate: Bits per second of the bus that is stood in for.
+        frames: Frames that won the bus (barriers are none).
+        nominal_bits: Their bits without stuffing, intermission included.
+        exact_bits: Their bits with the stuffing that their content causes.
+        worst_bits: Their bits with the most stuffing that their lengths allow.
+        dropped: Frames lost to clients that did not read them in time, clients that
+            have left included.
+        malformed: Records from clients that are no CAN frame.
+        clients: Clients attached now.
+        departed: Clients that have left.
+    """
+
+    bitrate: int
+    frames: int
+    nominal_bits: int
+    exact_bits: int
+    worst_bits: int
+    dropped: int
+    malformed: int
+    clients: int
+    departed: int
+
+    @property
+    def busy_s(self) -> float:
+        """Seconds that the frames would have occupied the wire."""
+        return self.exact_bits / self.bitrate
+
+    def load(self, duration_s: float) -> float:
+        """Return the share of ``duration_s`` seconds in which the wire was occupied."""
+        return self.busy_s / duration_s

@@ -1,0 +1,235 @@
+"""A CAN bus in software: every node sees every other's frames, in order of arbitration.
+
+Transport is left to the clients' sockets, so that an in-process link and AF_UNIX
+behave alike bit for bit.
+"""
+
+from __future__ import annotations
+
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dftc_rt.bus.barrier import BarrierSender
+from dftc_rt.bus.bits import charge
+from dftc_rt.bus.frame import Frames, frame_buffer
+from dftc_rt.bus.interface import FrameSocket
+from dftc_rt.errors import BusError
+from hil.bus.arbitration import arbitrate, is_ordered, order_by_identifier
+from hil.bus.client import Client
+from hil.bus.statistics import BusStatistics
+
+Timing = Literal["off", "account"]
+
+_FRAMES: Final = 0  # the columns of the totals
+_NOMINAL: Final = 1
+_EXACT: Final = 2
+_WORST: Final = 3
+
+
+class VirtualBus:
+    """One bus and the clients attached to it; a ``BusPort``.
+
+    Within one ``receive`` and within one ``send``, the heads of the nodes' queues
+    contend and the lowest identifier wins; a node's own frames never overtake each
+    other. Timing ``off`` keeps the order of arrival instead and counts no bits.
+
+    Attributes:
+        name: Logical bus name.
+        fds_version: Grows with every client that comes or leaves.
+    """
+
+    def __init__(self, name: str, *, timing: Timing = "account", bitrate: int = 1_000_000) -> None:
+        """Open a bus without clients.
+
+        Args:
+            name: Logical bus name.
+            timing: ``off`` or ``account``.
+            bitrate: Bits per second of the bus that is stood in for.
+        """
+        self.name = name
+        self.fds_version = 0
+        self._bitrate = bitrate
+        self._account = timing == "account"
+        self._clients: list[Client] = []
+        self._answer: Client | None = None
+        self._barrier_sender = BarrierSender()
+        self._totals = np.zeros(4, dtype=np.int64)
+        self._departed = 0
+        self._dropped = 0
+        self._malformed = 0
+        self._resize(64)
+
+    def _resize(self, rows: int) -> None:
+        self._staging = frame_buffer(rows)
+        self._forward = frame_buffer(rows)
+        self._nodes = np.zeros(rows, dtype=np.int32)
+        self._order = np.zeros(rows, dtype=np.int64)
+
+    def attach(self, socket: FrameSocket) -> None:
+        """Make ``socket`` the bus's end of a connection to one more node."""
+        self._clients.append(Client(socket))
+        self.fds_version += 1
+
+    def fds(self) -> list[int]:
+        """Return the descriptors to wait on; empty for in-process links."""
+        return [client.socket.fd for client in self._clients if client.socket.fd >= 0]
+
+    def receive(self, frames: Frames) -> int:
+        """Fill ``frames`` with what the clients sent, in wire order; return how many.
+
+        See ``BusPort.receive``.
+        """
+        clients = self._clients
+        if len(clients) == 1 and clients[0].idle:
+            try:
+                count = clients[0].receive(frames)
+            except BusError as error:
+                self._leave(clients[0], error)
+                return 0
+        else:
+            count = self._contend(frames)
+        if count:
+            self._charge(frames, count)
+        return count
+
+    def send(self, frames: Frames, count: int, nodes: NDArray[np.int32] | None = None) -> None:
+        """Put the drives' first ``count`` frames on the bus. See ``BusPort.send``."""
+        if count <= 0:
+            return
+        if self._account and not is_ordered(frames, count):
+            if count > len(self._order):
+                self._resize(count)
+            if nodes is None:
+                order_by_identifier(frames, count, self._order)
+            else:
+                arbitrate(frames, nodes, count, self._order)
+            np.take(frames, self._order[:count], axis=0, out=self._staging[:count], mode="clip")
+            frames = self._staging
+        self._charge(frames, count)
+        for client in tuple(self._clients):
+            self._deliver(client, frames, count)
+
+    @property
+    def barrier_pending(self) -> bool:
+        """Whether some client has ended its share of the cycle."""
+        return any(client.barrier is not None for client in self._clients)
+
+    def pop_barrier(self) -> int | None:
+        """Return the cycle of the barrier that waits, and let its client go on; or None."""
+        for client in self._clients:
+            if client.barrier is not None:
+                cycle, client.barrier = client.barrier, None
+                self._answer = client
+                return cycle
+        return None
+
+    def send_barrier(self, cycle: int) -> None:
+        """Answer the client whose barrier was popped last. See ``BusPort.send_barrier``.
+
+        A client so far behind that not even its barrier finds room is disconnected: it
+        would wait for ever.
+        """
+        client, self._answer = self._answer, None
+        if client is None:
+            raise RuntimeError(f"{self.name}: no barrier to answer")
+        if client not in self._clients:
+            return
+        try:
+            accepted = self._barrier_sender.send(client.socket, cycle)
+        except BusError as error:
+            self._leave(client, error)
+            return
+        if not accepted:
+            self._leave(client, BusError(self.name, "no room for the barrier"))
+
+    @property
+    def statistics(self) -> BusStatistics:
+        """What has gone over the bus since it was opened."""
+        return BusStatistics(
+            bitrate=self._bitrate,
+            frames=int(self._totals[_FRAMES]),
+            nominal_bits=int(self._totals[_NOMINAL]),
+            exact_bits=int(self._totals[_EXACT]),
+            worst_bits=int(self._totals[_WORST]),
+            dropped=self._dropped + sum(client.dropped for client in self._clients),
+            malformed=self._malformed + sum(client.malformed for client in self._clients),
+            clients=len(self._clients),
+            departed=self._departed,
+        )
+
+    def close(self) -> None:
+        """Close every connection; a second call does nothing."""
+        for client in self._clients:
+            client.socket.close()
+        self._clients.clear()
+        self.fds_version += 1
+
+    def _contend(self, frames: Frames) -> int:
+        """Let the clients' queues contend for ``frames``; pass what wins to the others."""
+        limit = len(frames)
+        contenders: list[tuple[Client, Frames]] = []
+        for client in tuple(self._clients):
+            try:
+                queue = client.waiting()
+            except BusError as error:
+                self._leave(client, error)
+                continue
+            if len(queue):
+                contenders.append((client, queue[:limit]))
+        if not contenders:
+            return 0
+        total = sum(len(queue) for _, queue in contenders)
+        if total > len(self._order):
+            self._resize(total)
+        end = 0
+        for node, (_, queue) in enumerate(contenders):
+            self._staging[end : end + len(queue)] = queue
+            self._nodes[end : end + len(queue)] = node
+            end += len(queue)
+        if self._account and len(contenders) > 1:
+            arbitrate(self._staging, self._nodes, total, self._order)
+        else:
+            self._order[:total] = np.arange(total)
+        count = min(total, limit)
+        won = self._order[:count]
+        frames[:count] = self._staging[won]
+        senders = self._nodes[won]
+        for node, (client, _) in enumerate(contenders):
+            client.won(int(np.count_nonzero(senders == node)))
+        self._pass_on(frames, count, [client for client, _ in contenders], senders)
+        return count
+
+    def _pass_on(
+        self, frames: Frames, count: int, contenders: list[Client], senders: NDArray[np.int32]
+    ) -> None:
+        """Deliver to every client what others sent."""
+        for client in tuple(self._clients):
+            if client not in contenders:
+                self._deliver(client, frames, count)
+                continue
+            foreign = frames[:count][senders != contenders.index(client)]
+            self._forward[: len(foreign)] = foreign
+            self._deliver(client, self._forward, len(foreign))
+
+    def _deliver(self, client: Client, frames: Frames, count: int) -> None:
+        try:
+            client.dropped += count - client.socket.send(frames, count)
+        except BusError as error:
+            self._leave(client, error)
+
+    def _leave(self, client: Client, reason: BusError) -> None:
+        """Forget a client that has gone. ``reason`` says why, for a port that minds."""
+        client.socket.close()
+        self._clients.remove(client)
+        self._departed += 1
+        self._dropped += client.dropped
+        self._malformed += client.malformed
+        self.fds_version += 1
+
+    def _charge(self, frames: Frames, count: int) -> None:
+        if self._account:
+            charge(frames, count, self._totals)
+        else:
+            self._totals[_FRAMES] += count
