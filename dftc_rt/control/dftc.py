@@ -1,0 +1,90 @@
+"""The laws ``dftc`` and ``paper``: one composition of the blocks, two sets of settings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from dftc_rt.control import kernel, layout, settings
+from dftc_rt.control.interface import F64
+from dftc_rt.control.layout import Joints
+from dftc_rt.control.settings import Value
+from dftc_rt.errors import InputError
+
+_MODEL_RBF = 1
+
+
+class Dftc:
+    """Decentralised fault-tolerant law (10) with identifier, observer, decision and gain (33).
+
+    Attributes:
+        ftc: Whether the gain (33) is applied.
+        uses_local_terms: False when the models are RBF networks alone.
+        joints: What was given of the robot and its drives.
+        storage: Parameters, states and weights.
+
+    Source: [zhao2017]; the robust elements are ours.
+    """
+
+    def __init__(
+        self, joints: Joints, gains: Mapping[str, Value], *, ftc: bool, printed: bool = False
+    ) -> None:
+        """Allocate the law.
+
+        Args:
+            joints: Robot and drives.
+            gains: Keys of :data:`dftc_rt.control.settings.NAMES`.
+            ftc: Whether the gain (33) is applied.
+            printed: Start from the paper's printed values instead of the defaults.
+
+        Raises:
+            InputError: A gain is unknown or out of bounds.
+        """
+        self.joints = joints
+        self.ftc = ftc
+        parsed = settings.parse(gains, joints.torque_limit.shape[0], printed=printed)
+        if printed:
+            parsed.weights.setdefault("w_f", np.arange(2.0, 15.0, 2.0))
+            parsed.weights.setdefault("w_g", np.arange(2.0, 15.0, 2.0))
+        self.uses_local_terms = bool((parsed.values["model"] != _MODEL_RBF).any())
+        self.storage = layout.allocate(parsed, joints, ftc=ftc)
+        store = self.storage
+        self._arrays = (
+            store.parameters, store.state, store.weights, store.centres, store.sigma,
+            store.history,
+        )  # fmt: skip
+        self._cycle = kernel.CYCLE
+
+    def start(self, q: F64, v: F64) -> None:
+        """Reset every state, weights to their initial values.
+
+        Args:
+            q: Measured positions, (n,), rad.
+            v: Measured velocities, (n,), rad/s.
+
+        Raises:
+            InputError: A shape is wrong or a value is not finite.
+        """
+        store = self.storage
+        n = store.parameters.shape[0]
+        for name, values in (("q", q), ("v", v)):
+            if np.shape(values) != (n,) or not np.all(np.isfinite(values)):
+                raise InputError(f"start {name}", str(values), f"{n} finite values")
+        state, par = store.state, store.parameters
+        state[:] = 0
+        state["gain"] = 1.0
+        state["rho"] = 1.0
+        state["rho_var"] = par["rho_std_max"] ** 2
+        state["v_last"] = v
+        state["m_last"] = 1.0
+        state["x1o"] = q + par["x1o_offset"]
+        state["x2o"] = v + par["x2o_offset"]
+        state["x1fo"] = state["x1o"]
+        state["x2fo"] = state["x2o"]
+        store.weights[:] = store.initial_weights
+        store.history[:] = 0.0
+
+    def update(self, rec: F64, inertia: F64, bias: F64) -> int:
+        """One cycle, see :class:`dftc_rt.control.interface.Law`; real-time safe."""
+        return self._cycle(rec, inertia, bias, *self._arrays)

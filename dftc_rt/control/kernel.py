@@ -1,0 +1,299 @@
+"""One cycle of the ``dftc`` law for all joints: the blocks in order, column i at a time.
+
+Nothing here reads a column other than the joint's own; that is what makes the law local.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from numba import njit
+
+from dftc_rt.control import basis, decision, gain, identifier, law, layout, observer
+from dftc_rt.control.interface import NONFINITE_INPUT, NONFINITE_LAW, F64
+from dftc_rt.control.layout import W_F, W_FO, W_G, W_GO
+from dftc_rt.control.signals import (
+    ACTUATOR_LOSS,
+    AD,
+    AGE,
+    ANOMALY,
+    NOT_OBSERVABLE,
+    OBSERVABLE,
+    QD,
+    RESIDUAL,
+    RHO_HAT,
+    RHO_STD,
+    TAU_CMD,
+    TAU_LAW,
+    VD,
+    VERDICT,
+    Q,
+    S,
+    V,
+)
+
+_CACHE = {"cache": True, "fastmath": False}
+_SPLIT = 0
+_gaussian = basis.gaussian
+_network = basis.network
+_adapt = basis.adapt
+
+
+@njit(**_CACHE)  # type: ignore[untyped-decorator]
+def drive_torque(p: Any, x: Any, history: F64) -> float:
+    """Mean torque that a healthy drive delivered over the last interval, Nm; moves its lag on."""
+    length = history.shape[0]
+    u = history[(x.cycle - 1 - p.delay) % length]
+    mean, x.applied = observer.lagged(x.applied, u, p.lag_mean, p.lag_decay)
+    return mean
+
+
+@njit(**_CACHE)  # type: ignore[untyped-decorator]
+def models(p: Any, inertia: float, bias: float, wf: float, wg: float) -> tuple[float, float]:
+    """f̂ and ĝ from the split and the RBF outputs, or from the latter alone (printed form)."""
+    if p.model == _SPLIT:
+        return (
+            law.drift(inertia, bias, wf),
+            law.input_gain(inertia, wg, p.g_min, p.g_max),
+        )
+    return wf, min(max(wg, p.g_min), p.g_max)
+
+
+@njit(**_CACHE)  # type: ignore[untyped-decorator]
+def identify(
+    p: Any, x: Any, weights: F64, sigma: F64, q: float, v: float, f_o: float, g_o: float, u: float
+) -> float:
+    """Step the identifier (18), (21)-(23) over the last interval; returns its correction."""
+    e1o = q - x.x1o
+    e2o = v - x.x2o
+    big_e = law.interconnection_bound(e2o, p.s_bound)
+    sgn = law.switching(e2o, p.layer_o, p.layer_shape)
+    corr = identifier.correction(x.delta_o, big_e, sgn, p.l2, e2o)
+    h = p.period
+    x.x1o += h * identifier.rate1(x.x2o, p.l1, e1o)
+    x.x2o += h * identifier.rate2(f_o, g_o, u, corr)
+    if p.identifier == identifier.ADAPT:
+        _adapt(weights[W_FO], sigma, p.gamma_fo * e2o, p.leak_o, p.w_f_max, h)
+        _adapt(weights[W_GO], sigma, p.gamma_go * e2o * u, p.leak_o, p.w_g_max, h)
+        drive = p.gamma_delta_o * law.magnitude(e2o, p.dead_zone_o) * big_e
+        x.delta_o = law.bound_step(x.delta_o, drive, p.leak_o, p.delta_o_max, h)
+    return corr
+
+
+@njit(**_CACHE)  # type: ignore[untyped-decorator]
+def observe_printed(
+    p: Any, x: Any, q: float, v: float, f_o: float, g_o: float, u: float, corr: float, e1o: float
+) -> None:
+    """Step (28), (29) as printed, with the measured state in the place of (27)."""
+    e1f = q - x.x1fo
+    e2f = v - x.x2fo
+    used = corr if p.observer_correction == 1 else 0.0
+    rate, rho_rate = observer.printed_rates(x.rho, e2f, f_o, g_o, u, used, p.l2f, p.gamma_rho)
+    h = p.period
+    x.x1fo += h * (x.x2fo + p.l1 * e1o + p.l1f * e1f)
+    x.x2fo += h * rate
+    x.rho = min(max(x.rho + h * rho_rate, 0.0), observer.RHO_TOP)
+
+
+@njit(**_CACHE)  # type: ignore[untyped-decorator]
+def observe(
+    p: Any, x: Any, v: float, acc_d: float, inertia: float, bias: float, scale: float, fresh: bool
+) -> bool:
+    """Build (φ, y) from a fresh sample, estimate ρ and feed the CUSUMs.
+
+    Args:
+        p: Parameters.
+        x: State; ``phi_sum`` and ``elapsed`` cover the interval since the last fresh sample.
+        v: Velocity, rad/s.
+        acc_d: q̈_d, rad/s².
+        inertia: M, kg m².
+        bias: Bias with the frozen RBF correction, Nm.
+        scale: ĝ_o M, factor of the frozen RBF correction on the torque.
+        fresh: Whether this cycle brought a new measurement.
+
+    Returns:
+        Whether ρ can be observed.
+    """
+    h = p.period
+    walk = p.walk_fault if x.verdict in (ACTUATOR_LOSS, ANOMALY) else p.walk
+    if p.observer == observer.KALMAN:
+        top = p.rho_std_max * p.rho_std_max
+        x.rho_var = observer.predict(x.rho_var, walk, h, top)
+    if not fresh:
+        return False
+    span = h * x.elapsed
+    m_mid = 0.5 * (inertia + x.m_last)
+    dv = v - x.v_last
+    y = observer.required(m_mid, dv, span, 0.5 * (bias + x.b_last))
+    phi = scale * x.phi_sum / x.elapsed
+    x.v_last, x.m_last, x.b_last = v, inertia, bias
+    alpha = p.alpha if x.elapsed == 1 else 1.0 - (1.0 - p.alpha) ** x.elapsed
+    x.y_f += alpha * (y - x.y_f)
+    x.phi_f += alpha * (phi - x.phi_f)
+    x.gap_f += alpha * (dv / span - acc_d - x.gap_f)
+    x.phi_sum = 0.0
+    x.elapsed = 0
+    if x.cycle < p.warmup or abs(x.phi_f) < p.excitation * p.floor:
+        return False
+    variance = p.inflation * observer.residual_variance(
+        p.floor, p.noise, inertia, acc_d, x.gap_f, bias, v,
+        p.sigma_acc, p.sigma_transient, p.sigma_bias, p.sigma_friction * p.limit, p.v_friction,
+    )  # fmt: skip
+    if p.observer == observer.KALMAN:
+        x.rho, x.rho_var = observer.kalman(
+            x.rho, x.rho_var, x.phi_f, x.y_f, variance, walk, 0.0, p.floor, span
+        )
+    elif p.observer == observer.GRADIENT:
+        x.rho, x.momentum_error = observer.gradient(
+            x.rho, x.momentum_error, phi, y, variance, p.gamma_rho, p.l2f, p.floor, span
+        )
+    below = decision.log_likelihood_ratio(x.phi_f, x.y_f, 1.0 - p.rho_step, variance)
+    above = decision.log_likelihood_ratio(x.phi_f, x.y_f, 1.0 + p.rho_step, variance)
+    top = 1.5 * max(p.threshold_loss, p.threshold_anomaly)
+    x.loss = decision.cusum(x.loss, below, top)
+    x.excess = decision.cusum(x.excess, above, top)
+    x.clear_for = decision.clearing(x.clear_for, x.rho, p.rho_clear, span)
+    return True
+
+
+@njit(**_CACHE)  # type: ignore[untyped-decorator]
+def decide(p: Any, x: Any, observable: bool) -> None:
+    """Verdict, and the sums that start anew when an actuator loss begins or ends."""
+    before = x.verdict
+    x.verdict = decision.verdict(
+        before, x.loss, x.excess, x.rho, x.clear_for, observable,
+        p.threshold_anomaly, p.threshold_loss, p.rho_loss, p.clear_s,
+    )  # fmt: skip
+    if (before == ACTUATOR_LOSS) != (x.verdict == ACTUATOR_LOSS):
+        x.clear_for = 0.0
+        if before == ACTUATOR_LOSS:
+            x.loss = 0.0
+            x.excess = 0.0
+
+
+@njit(**_CACHE)  # type: ignore[untyped-decorator]
+def amplify(p: Any, x: Any) -> None:
+    """Move the gain (33)."""
+    wanted = 1.0
+    if p.ftc == 1 and (p.gain_gate == gain.ALWAYS or x.verdict == ACTUATOR_LOSS):
+        wanted = gain.target(x.rho, p.rho_min)
+    x.gain = gain.follow(x.gain, wanted, p.gain_rate, p.period)
+
+
+@njit(**_CACHE)  # type: ignore[untyped-decorator]
+def silence(i: int, rec: F64, x: Any, history: F64) -> None:
+    """Command 0 Nm and hold the estimate: what a joint does whose numbers are not finite."""
+    history[x.cycle % history.shape[0]] = 0.0
+    x.cycle += 1
+    rec[TAU_LAW, i] = 0.0
+    rec[TAU_CMD, i] = 0.0
+    rec[RHO_HAT, i] = x.rho
+    rec[RHO_STD, i] = math.nan
+    rec[OBSERVABLE, i] = 0.0
+    rec[VERDICT, i] = x.verdict if x.verdict == ACTUATOR_LOSS else NOT_OBSERVABLE
+    rec[S, i] = math.nan
+    rec[RESIDUAL, i] = math.nan
+
+
+@njit(**_CACHE)  # type: ignore[untyped-decorator]
+def joint(
+    i: int, rec: F64, m: float, b: float, p: Any, x: Any, w: F64, c: F64, sigma: F64, history: F64
+) -> int:
+    """One cycle of joint i; returns status bits."""
+    q = rec[Q, i]
+    v = rec[V, i]
+    acc_d = rec[AD, i]
+    e1 = q - rec[QD, i]
+    e2 = v - rec[VD, i]
+    u_last = drive_torque(p, x, history)
+    x.phi_sum += u_last
+    x.elapsed += 1
+    bad_model = p.model == _SPLIT and not (math.isfinite(m) and m > 0.0 and math.isfinite(b))
+    if bad_model or not math.isfinite(q + v + e1 + e2 + acc_d):
+        silence(i, rec, x, history)
+        return NONFINITE_INPUT
+    wf = wg = wfo = wgo = 0.0
+    if p.use_basis == 1:
+        _gaussian(q, v, c, p.inv_width1, p.inv_width2, sigma)
+        wf = _network(w[W_F], sigma)
+        wg = _network(w[W_G], sigma)
+        wfo = _network(w[W_FO], sigma)
+        wgo = _network(w[W_GO], sigma)
+    # identifier (18) and observer (28), (29), or the regression y = rho phi
+    f_o, g_o = models(p, m, b, wfo, wgo)
+    corr = 0.0
+    e1o = q - x.x1o
+    if p.identifier != identifier.OFF and x.cycle > 0:
+        corr = identify(p, x, w, sigma, q, v, f_o, g_o, u_last)
+    observable = False
+    if p.observer == observer.PRINTED:
+        if x.cycle > 0:
+            observe_printed(p, x, q, v, f_o, g_o, u_last, corr, e1o)
+        residual = f_o + g_o * u_last
+        observable = True
+    else:
+        fresh = rec[AGE, i] == 0.0 and x.cycle > 0
+        observable = observe(p, x, v, acc_d, m, b - m * wfo, g_o * m, fresh)
+        residual = x.y_f - x.phi_f
+        decide(p, x, observable)
+    # law (10), gain (33), command
+    s = law.sliding(p.lam, e1, e2)
+    f_hat, g_hat = models(p, m, b, wf, wg)
+    sgn = law.switching(s, p.layer, p.layer_shape)
+    big_s = law.interconnection_bound(s, p.s_bound)
+    robust = law.robust_term(x.delta, x.xi, big_s, sgn)
+    u = law.torque(p.k, p.lam, s, e2, acc_d, f_hat, g_hat, robust) if g_hat != 0.0 else math.nan
+    amplify(p, x)
+    if not math.isfinite(u * x.gain + x.rho):
+        silence(i, rec, x, history)
+        return NONFINITE_LAW
+    told = gain.command(u, x.gain, p.counts, p.resolution, p.limit)
+    # adaptation (11)-(14)
+    saturated = abs(x.gain * u) > p.limit
+    if not (saturated and p.freeze_saturated == 1):
+        h = p.period
+        size = law.magnitude(s, p.dead_zone)
+        x.delta = law.bound_step(
+            x.delta, p.gamma_delta * size * big_s, p.leak_delta, p.delta_max, h
+        )
+        x.xi = law.bound_step(x.xi, p.gamma_xi * size, p.leak_xi, p.xi_max, h)
+        if p.adapt_f == 1:
+            _adapt(w[W_F], sigma, p.gamma_f * s, p.leak_f, p.w_f_max, h)
+            _adapt(w[W_G], sigma, p.gamma_g * s * u, p.leak_g, p.w_g_max, h)
+    history[x.cycle % history.shape[0]] = told
+    x.cycle += 1
+    rec[TAU_LAW, i] = u
+    rec[TAU_CMD, i] = told
+    rec[RHO_HAT, i] = x.rho
+    rec[RHO_STD, i] = math.sqrt(x.rho_var) if p.observer == observer.KALMAN else math.nan
+    rec[OBSERVABLE, i] = 1.0 if observable else 0.0
+    rec[VERDICT, i] = x.verdict
+    rec[S, i] = s
+    rec[RESIDUAL, i] = residual
+    return 0
+
+
+def build_kernel(revision: int) -> Callable[..., int]:
+    """Kernel over all joints, compiled anew when ``revision`` is another.
+
+    Args:
+        revision: Checksum of the sources, from :func:`dftc_rt.control.layout.revision`.
+    """
+
+    @njit(**_CACHE)  # type: ignore[untyped-decorator]
+    def cycle(
+        rec: F64, m: F64, b: F64, par: Any, st: Any, w: F64, c: F64, sigma: F64, history: F64
+    ) -> int:
+        status = 0 * revision
+        for i in range(par.shape[0]):
+            status |= joint(
+                i, rec, m[i], b[i], par[i], st[i], w[i], c[i], sigma, history[i]
+            )
+        return status
+
+    return cycle  # type: ignore[no-any-return]
+
+
+CYCLE = build_kernel(layout.revision())

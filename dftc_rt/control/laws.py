@@ -1,0 +1,92 @@
+"""The laws by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from dftc_rt.control.baselines.computed_torque import ComputedTorque, InverseDynamics
+from dftc_rt.control.dftc import Dftc
+from dftc_rt.control.interface import F64, Law
+from dftc_rt.control.layout import Joints
+from dftc_rt.control.settings import Value
+from dftc_rt.errors import InputError
+
+NAMES: Final = ("dftc", "paper", "computed_torque")
+
+
+def build(
+    name: str,
+    n: int,
+    period_s: float,
+    torque_limit: F64,
+    torque_resolution: F64,
+    delay_cycles: Any,
+    gains: Mapping[str, Value],
+    ftc: bool,
+    q_lower: F64,
+    q_upper: F64,
+    velocity_limit: F64,
+    inverse_dynamics: InverseDynamics | None = None,
+) -> Law:
+    """Make a law by name.
+
+    Args:
+        name: One of :data:`NAMES`.
+        n: Number of joints.
+        period_s: Control period, s.
+        torque_limit: Largest torque, scalar or (n,), Nm.
+        torque_resolution: Step of the drives' torque, scalar or (n,), Nm; 0 for none.
+        delay_cycles: Cycles from a command to the SYNC that actuates it, scalar or (n,).
+        gains: Settings by name, see docs/notation.md.
+        ftc: Whether the estimate acts on the command.
+        q_lower: Lower position limits, (n,), rad; an infinite one is taken as -π.
+        q_upper: Upper position limits, (n,), rad; an infinite one is taken as π.
+        velocity_limit: (n,), rad/s; an infinite or zero one is taken as 3 rad/s.
+        inverse_dynamics: Needed by ``computed_torque``: (q, v, a) to torque.
+
+    Raises:
+        InputError: The name is unknown, or a value is wrong.
+    """
+    if name not in NAMES:
+        raise InputError("control.law", repr(name), " | ".join(NAMES))
+    limit = _positive("torque_limit", torque_limit, n)
+    resolution = np.broadcast_to(np.asarray(torque_resolution, np.float64), (n,)).copy()
+    delay = np.broadcast_to(np.asarray(delay_cycles, np.int64), (n,)).copy()
+    if not (np.isfinite(resolution).all() and (resolution >= 0.0).all()):
+        raise InputError("torque_resolution", str(resolution), "finite, 0 or more, Nm")
+    if (delay < 0).any():
+        raise InputError("delay_cycles", str(delay), "0 or more")
+    if not (np.isfinite(period_s) and period_s > 0.0):
+        raise InputError("period_s", repr(period_s), "a positive time in s")
+    speed = np.broadcast_to(np.asarray(velocity_limit, np.float64), (n,))
+    joints = Joints(
+        period_s=float(period_s),
+        torque_limit=limit,
+        torque_resolution=resolution,
+        delay_cycles=delay,
+        q_lower=_finite_or(q_lower, -np.pi, n),
+        q_upper=_finite_or(q_upper, np.pi, n),
+        velocity_limit=np.where(np.isfinite(speed) & (speed > 0.0), speed, 3.0),
+    )
+    if name == "computed_torque":
+        if inverse_dynamics is None:
+            raise InputError("control.law", "computed_torque", "a model of the whole robot")
+        return ComputedTorque(joints, gains, inverse_dynamics)
+    return Dftc(joints, gains, ftc=ftc, printed=name == "paper")
+
+
+def _positive(where: str, values: Any, n: int) -> F64:
+    """(n,) copy of finite positive values."""
+    array = np.broadcast_to(np.asarray(values, np.float64), (n,)).copy()
+    if not (np.isfinite(array).all() and (array > 0.0).all()):
+        raise InputError(where, str(array), "finite and positive for every joint")
+    return array
+
+
+def _finite_or(values: Any, fallback: float, n: int) -> F64:
+    """(n,) copy with the values that are not finite replaced."""
+    array = np.broadcast_to(np.asarray(values, np.float64), (n,))
+    return np.where(np.isfinite(array), array, fallback)
