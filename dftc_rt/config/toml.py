@@ -1,0 +1,219 @@
+"""Strict TOML: a file becomes one frozen struct, or one line that says what is wrong.
+
+Every failure is an :class:`~dftc_rt.errors.InputError` whose ``where`` names the
+file and the key path. Unknown keys are errors, and so is ``nan`` anywhere: it would
+pass every range check that is written as a comparison.
+"""
+
+from __future__ import annotations
+
+import copy
+import difflib
+import math
+import re
+import tomllib
+import types
+import typing
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+from dftc_rt.errors import InputError, MissingFileError
+
+T = TypeVar("T")
+
+_SEGMENT = re.compile(r"([A-Za-z0-9_-]+)((?:\[\d+\])*)")
+_UNKNOWN_FIELD = re.compile(r"Object contains unknown field `(?P<key>.*)`$", re.DOTALL)
+_MISSING_FIELD = re.compile(r"Object missing required field `(?P<key>.*)`$", re.DOTALL)
+_EXPECTED_GOT = re.compile(r"Expected `(?P<expected>.+?)`, got `(?P<got>.+)`$", re.DOTALL)
+_WORDS = {
+    "array": "a list", "object": "a table", "str": "a string", "int": "an integer",
+    "float": "a number", "bool": "true or false", "null": "nothing",
+}  # fmt: skip
+
+
+def read(path: str | Path) -> dict[str, Any]:
+    """Read a TOML file into a dictionary.
+
+    Raises:
+        MissingFileError: There is no such file.
+        InputError: It is not a readable file of valid TOML.
+    """
+    path = Path(path)
+    try:
+        text = path.read_bytes().decode("utf-8")
+    except FileNotFoundError:
+        raise MissingFileError(str(path), "no such file", "a TOML file") from None
+    except (OSError, ValueError) as error:  # a directory, no permission; not UTF-8, NUL in path
+        detail = error.strerror if isinstance(error, OSError) else "not a UTF-8 text file"
+        raise InputError(str(path), f"cannot be read: {detail}", "a TOML file") from None
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(str(path), _one_line(error), "valid TOML") from None
+    except RecursionError:
+        raise InputError(str(path), "nested too deeply", "valid TOML") from None
+
+
+def load(path: str | Path, type: type[T]) -> T:
+    """Read a TOML file and check it against a struct type.
+
+    Raises:
+        MissingFileError: There is no such file.
+        InputError: The file is no TOML, or is not what ``type`` describes.
+    """
+    return convert(read(path), type, str(path))
+
+
+def convert(raw: dict[str, Any], type: type[T], where: str) -> T:
+    """Check a dictionary, as read from TOML, against a struct type.
+
+    A struct's ``__post_init__`` may raise ``ValueError`` (one line) or ``InputError``
+    (its ``where`` is a key path inside that struct); both come out with the full path.
+
+    Raises:
+        InputError: Unknown or missing key, wrong type, value out of range, or NaN.
+    """
+    _refuse_nan(raw, where, "")
+    try:
+        return msgspec.convert(raw, type)
+    except msgspec.ValidationError as error:
+        raise _explain(error, type, where) from None
+
+
+def apply_overrides(raw: dict[str, Any], settings: Iterable[str]) -> dict[str, Any]:
+    """Return a copy of ``raw`` with ``a.b=value`` settings applied, in their order.
+
+    The value is TOML; what is no TOML value is taken as a string. Missing tables on the
+    way are made (whether they may exist is for :func:`convert` to say); list entries
+    must exist.
+
+    Raises:
+        InputError: No ``=``, no valid key path, an index beyond the list, or a path that
+            leads through something that is neither table nor list.
+    """
+    result = copy.deepcopy(raw)
+    for setting in settings:
+        path, equals, text = setting.partition("=")
+        where = f"--set {setting}"
+        if not equals:
+            raise InputError(where, "no '='", "key.path=value")
+        _assign(result, _steps(path.strip(), where), parse_value(text.strip()), where)
+    return result
+
+
+def parse_value(text: str) -> Any:
+    """Parse one TOML value; what is none is returned as the string it is."""
+    try:
+        table = tomllib.loads(f"value = {text}")
+    except (tomllib.TOMLDecodeError, RecursionError):
+        return text
+    return table["value"] if set(table) == {"value"} else text
+
+
+def _steps(path: str, where: str) -> list[str | int]:
+    """Split ``fault[0].kind`` into ``["fault", 0, "kind"]``."""
+    steps: list[str | int] = []
+    for segment in path.split("."):
+        match = _SEGMENT.fullmatch(segment)
+        if match is None:
+            raise InputError(where, f"'{path}' is no key path", "keys such as a.b or fault[0].c")
+        steps.append(match[1])
+        steps.extend(int(index) for index in re.findall(r"\d+", match[2]))
+    return steps
+
+
+def _assign(root: dict[str, Any], steps: list[str | int], value: Any, where: str) -> None:
+    node: Any = root
+    seen = ""
+    for position, step in enumerate(steps):
+        last = position == len(steps) - 1
+        if isinstance(step, int):
+            if not isinstance(node, list):
+                raise InputError(where, f"'{seen}' is no list", "a key path that exists")
+            if step >= len(node):
+                count = len(node)
+                raise InputError(
+                    where,
+                    f"'{seen}' has no entry {step}",
+                    f"an index below {count}" if count else "a list that has entries",
+                )
+            seen += f"[{step}]"
+        else:
+            if not isinstance(node, dict):
+                raise InputError(where, f"'{seen}' is no table", "a key path that exists")
+            seen = f"{seen}.{step}" if seen else step
+            if not last and step not in node:
+                # A list cannot be made from nothing: its entries would be unset.
+                node[step] = [] if isinstance(steps[position + 1], int) else {}
+        if last:
+            node[step] = value
+        else:
+            node = node[step]
+
+
+def _refuse_nan(node: Any, where: str, path: str) -> None:
+    if isinstance(node, float) and math.isnan(node):
+        raise InputError(f"{where}: {path}", "nan", "a number")
+    if isinstance(node, dict):
+        for key, value in node.items():
+            _refuse_nan(value, where, f"{path}.{key}" if path else str(key))
+    elif isinstance(node, list):
+        for index, value in enumerate(node):
+            _refuse_nan(value, where, f"{path}[{index}]")
+
+
+def _explain(error: msgspec.ValidationError, type_: Any, where: str) -> InputError:
+    text, _, location = str(error).partition(" - at `$")
+    path = location.rstrip("`").lstrip(".").replace("[...]", "")
+    if isinstance(error.__cause__, InputError):
+        cause = error.__cause__
+        inner = f"{path}.{cause.where}" if path else cause.where
+        return InputError(f"{where}: {inner}", cause.what, cause.expected)
+    if match := _UNKNOWN_FIELD.match(text):
+        key = match["key"]
+        known = _keys_at(type_, path)
+        near = difflib.get_close_matches(key, known, n=1)
+        expected = f"'{near[0]}'" if near else ("one of " + ", ".join(known) if known else "")
+        return InputError(f"{where}: {_join(path, key)}", "unknown key", expected)
+    if match := _MISSING_FIELD.match(text):
+        return InputError(f"{where}: {_join(path, match['key'])}", "missing", "this key")
+    full = f"{where}: {path}" if path else where
+    if match := _EXPECTED_GOT.match(text):
+        return InputError(full, f"found {_words(match['got'])}", _words(match["expected"]))
+    return InputError(full, _one_line(text))
+
+
+def _join(path: str, key: str) -> str:
+    return f"{path}.{key}" if path else key
+
+
+def _words(types_: str) -> str:
+    names = dict.fromkeys(_WORDS.get(name.strip(), name.strip()) for name in types_.split("|"))
+    return " or ".join(name for name in names if name != "nothing")
+
+
+def _one_line(text: object) -> str:
+    return " ".join(str(text).split())
+
+
+def _keys_at(type_: Any, path: str) -> list[str]:
+    """Keys of the struct that lies at ``path`` below ``type_``; [] when there is no single one."""
+    for name in re.findall(r"[^.\[\]]+", path):
+        if not name.isdigit() and (struct := _struct_in(type_)) is not None:
+            fields = {field.encode_name: field.type for field in msgspec.structs.fields(struct)}
+            type_ = fields.get(name)
+    struct = _struct_in(type_)
+    return [] if struct is None else [f.encode_name for f in msgspec.structs.fields(struct)]
+
+
+def _struct_in(type_: Any) -> Any:
+    """The one struct type inside ``X``, ``X | None``, ``tuple[X, ...]`` or ``list[X]``."""
+    if isinstance(type_, type) and issubclass(type_, msgspec.Struct):
+        return type_
+    if isinstance(type_, types.UnionType) or typing.get_origin(type_) is not None:
+        found = [s for arg in typing.get_args(type_) if (s := _struct_in(arg)) is not None]
+        return found[0] if len(found) == 1 else None
+    return None
