@@ -1,0 +1,223 @@
+"""Does a cycle's traffic fit its bus? Nominal and worst-case bit time, before a run.
+
+Per cycle a CiA 402 bus carries SYNC, for each joint a command (RPDO1: status
+word and torque, 4 bytes) and an answer (TPDO1: position and velocity, 8 bytes), one
+measured torque (TPDO3, 2 bytes, the joints in turn), and now and then SDO, heartbeat
+and EMCY. A configuration whose worst case takes more than 90 % of the period is
+refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from dftc_rt.bus.bits import nominal_bits, worst_bits
+from dftc_rt.errors import InputError
+
+WORST_CASE_LIMIT: Final = 0.9  # share of the period
+SDO_TRANSFERS_PER_S: Final = 100.0  # per bus; a request and a response of 8 bytes each
+HEARTBEATS_PER_S: Final = 10.0  # per joint, 1 byte
+EMERGENCIES_PER_S: Final = 10.0  # per joint, 8 bytes
+
+Role = Literal["sync", "command", "answer", "status", "reserve"]
+
+
+@dataclass(frozen=True, slots=True)
+class LoadItem:
+    """One kind of frame on a bus.
+
+    Attributes:
+        name: What it is.
+        role: What it is for; ``answer`` is what the control law waits for.
+        data_bytes: Data length, 0 … 8.
+        per_cycle: Frames a cycle (a fraction for what comes more rarely).
+    """
+
+    name: str
+    role: Role
+    data_bytes: int
+    per_cycle: float
+
+    @property
+    def nominal_bits(self) -> float:
+        """Bits a cycle without stuffing."""
+        return self.per_cycle * nominal_bits(self.data_bytes)
+
+    @property
+    def worst_bits(self) -> float:
+        """Bits a cycle with the most stuffing."""
+        return self.per_cycle * worst_bits(self.data_bytes)
+
+
+@dataclass(frozen=True, slots=True)
+class BusLoad:
+    """The traffic of one bus in one cycle.
+
+    Attributes:
+        name: Logical bus name.
+        joints: Joints on the bus.
+        rate_hz: Cycles per second.
+        bitrate: Bits per second.
+        items: What travels.
+    """
+
+    name: str
+    joints: int
+    rate_hz: float
+    bitrate: int
+    items: tuple[LoadItem, ...]
+
+    @property
+    def nominal_s(self) -> float:
+        """Seconds of wire a cycle without stuffing."""
+        return sum(item.nominal_bits for item in self.items) / self.bitrate
+
+    @property
+    def worst_s(self) -> float:
+        """Seconds of wire a cycle with the most stuffing."""
+        return sum(item.worst_bits for item in self.items) / self.bitrate
+
+    @property
+    def nominal(self) -> float:
+        """Share of the period without stuffing."""
+        return self.nominal_s * self.rate_hz
+
+    @property
+    def worst(self) -> float:
+        """Share of the period with the most stuffing."""
+        return self.worst_s * self.rate_hz
+
+    @property
+    def fits(self) -> bool:
+        """Whether the worst case leaves a tenth of the period free."""
+        return self.worst <= WORST_CASE_LIMIT
+
+
+def cia402_items(joints: int, rate_hz: float) -> tuple[LoadItem, ...]:
+    """Return the traffic of a CiA 402 bus.
+
+    Args:
+        joints: Joints on the bus.
+        rate_hz: Cycles per second.
+    """
+    return (
+        LoadItem("SYNC", "sync", 0, 1.0),
+        LoadItem("RPDO1 command", "command", 4, float(joints)),
+        LoadItem("TPDO1 position, velocity", "answer", 8, float(joints)),
+        LoadItem("TPDO3 torque", "status", 2, 1.0),
+        LoadItem("SDO", "reserve", 8, 2.0 * SDO_TRANSFERS_PER_S / rate_hz),
+        LoadItem("heartbeat", "reserve", 1, joints * HEARTBEATS_PER_S / rate_hz),
+        LoadItem("EMCY", "reserve", 8, joints * EMERGENCIES_PER_S / rate_hz),
+    )
+
+
+def mit_items(joints: int, rate_hz: float) -> tuple[LoadItem, ...]:
+    """Return the traffic of a bus of MIT mini-cheetah drives: one command, one answer each.
+
+    Args:
+        joints: Joints on the bus.
+        rate_hz: Cycles per second (every frame is cyclic, so it does not matter).
+    """
+    return (
+        LoadItem("command", "command", 8, float(joints)),
+        LoadItem("answer", "answer", 8, float(joints)),
+    )
+
+
+_PROFILES: Final = {"cia402": cia402_items, "mit": mit_items}
+
+
+def bus_load(
+    name: str, joints: int, *, rate_hz: float, bitrate: int = 1_000_000, profile: str = "cia402"
+) -> BusLoad:
+    """Return the load of one bus.
+
+    Args:
+        name: Logical bus name.
+        joints: Joints on the bus.
+        rate_hz: Cycles per second.
+        bitrate: Bits per second.
+        profile: ``cia402`` or ``mit``.
+
+    Raises:
+        InputError: No budget is known for the profile, or a number is not positive.
+    """
+    if profile not in _PROFILES:
+        raise InputError("bus.profile", repr(profile), " or ".join(_PROFILES))
+    if joints < 1:
+        raise InputError(name, f"{joints} joints", "at least one")
+    if not rate_hz > 0.0:
+        raise InputError("executor.rate_hz", repr(rate_hz), "a positive rate")
+    if bitrate <= 0:
+        raise InputError("bus.bitrate", repr(bitrate), "a positive bit rate")
+    return BusLoad(name, joints, rate_hz, bitrate, _PROFILES[profile](joints, rate_hz))
+
+
+def joints_per_bus(*, rate_hz: float, bitrate: int = 1_000_000, profile: str = "cia402") -> int:
+    """Return how many joints one bus carries at most; 0 when not even one fits."""
+    joints = 0
+    while bus_load("", joints + 1, rate_hz=rate_hz, bitrate=bitrate, profile=profile).fits:
+        joints += 1
+    return joints
+
+
+def buses_needed(
+    joints: int, *, rate_hz: float, bitrate: int = 1_000_000, profile: str = "cia402"
+) -> int:
+    """Return the least number of buses for a robot of ``joints`` joints.
+
+    Raises:
+        InputError: Not even one joint fits a bus of its own.
+    """
+    most = joints_per_bus(rate_hz=rate_hz, bitrate=bitrate, profile=profile)
+    if most == 0:
+        raise InputError(
+            "executor.rate_hz",
+            f"at {rate_hz:g} Hz and {bitrate} bit/s not even one joint fits a bus",
+            "a lower rate",
+        )
+    return -(-joints // most)
+
+
+def check(loads: Sequence[BusLoad], profile: str = "cia402") -> None:
+    """Refuse a robot one of whose buses is overloaded.
+
+    Args:
+        loads: Every bus of the robot.
+        profile: Profile of the loads.
+
+    Raises:
+        InputError: A bus needs over 90 % of the period in the worst case; says how many
+            buses would do.
+    """
+    over = [load for load in loads if not load.fits]
+    if not over:
+        return
+    worst = max(over, key=lambda load: load.worst)
+    joints = sum(load.joints for load in loads)
+    needed = buses_needed(joints, rate_hz=worst.rate_hz, bitrate=worst.bitrate, profile=profile)
+    raise InputError(
+        f"bus {worst.name}",
+        f"{worst.joints} joints at {worst.rate_hz:g} Hz need {worst.worst:.0%} of the period"
+        " in the worst case",
+        f"at most {WORST_CASE_LIMIT:.0%}: {needed} buses would do for {joints} joints",
+    )
+
+
+def read_budget_s(load: BusLoad) -> float:
+    """Return how long after the tick the answers may take, in seconds.
+
+    The worst-case wire time of SYNC and the answers, behind one more frame of full
+    length that may already occupy the wire; but no longer than leaves the commands
+    their own wire time before the next tick.
+
+    Args:
+        load: The bus; of several, the slowest decides.
+    """
+    bits = {"sync": 0.0, "command": 0.0, "answer": 0.0, "status": 0.0, "reserve": 0.0}
+    for item in load.items:
+        bits[item.role] += item.worst_bits
+    answers = bits["sync"] + bits["answer"] + worst_bits(8)
+    return min(answers / load.bitrate, 1.0 / load.rate_hz - bits["command"] / load.bitrate)

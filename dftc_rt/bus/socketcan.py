@@ -1,0 +1,104 @@
+"""A node on a SocketCAN interface: AF_CAN, raw, classical frames.
+
+This opens whatever interface it is told, a live one included; that is for
+``dftc control`` with the interface spelled out. The rig asks for vcan first.
+"""
+
+from __future__ import annotations
+
+import errno
+import socket
+import struct
+from collections.abc import Sequence
+from typing import Final
+
+from dftc_rt.bus.frame import Frames
+from dftc_rt.bus.mmsg import FrameBatcher
+from dftc_rt.errors import BusError, EnvironmentLacksError
+
+BUFFER_BYTES: Final = 1 << 20  # asked for; the kernel caps it (net.core.rmem_max)
+_FILTER: Final = struct.Struct("=II")
+
+
+class SocketCanSocket:
+    """One raw socket on a CAN interface; a ``FrameSocket``.
+
+    Its own frames do not come back to it; other sockets on the machine see them.
+
+    Attributes:
+        name: Logical bus name.
+        interface: Network interface (``vcan0``).
+        fd: Descriptor that becomes readable when a frame waits; -1 once closed.
+    """
+
+    __slots__ = ("_batcher", "_socket", "fd", "interface", "name")
+
+    def __init__(
+        self, name: str, interface: str, filters: Sequence[tuple[int, int]] | None = None
+    ) -> None:
+        """Bind to ``interface``, which must be up.
+
+        Args:
+            name: Logical bus name.
+            interface: Network interface.
+            filters: (identifier, mask) pairs, flags included, of which a received frame
+                must match one (the kernel filters); None receives every frame.
+
+        Raises:
+            EnvironmentLacksError: The kernel has no AF_CAN, or refuses it.
+            BusError: There is no such CAN interface, or it is down.
+        """
+        self.name = name
+        self.interface = interface
+        try:
+            raw = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        except OSError as error:
+            raise EnvironmentLacksError(
+                f"no SocketCAN in this kernel ({error.strerror})",
+                "load the modules can-raw and vcan, or use --bus unix",
+            ) from error
+        try:
+            raw.setblocking(False)
+            raw.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_RECV_OWN_MSGS, 0)
+            raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+            if filters is not None:
+                packed = b"".join(_FILTER.pack(can_id, mask) for can_id, mask in filters)
+                raw.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, packed)
+            raw.bind((interface,))
+        except OSError as error:
+            raw.close()
+            raise BusError(name, _refusal(interface, error)) from error
+        self._socket = raw
+        self._batcher = FrameBatcher(name)
+        self.fd = raw.fileno()
+
+    def send(self, frames: Frames, count: int) -> int:
+        """Send the first ``count`` rows; return how many were accepted. Never blocks.
+
+        Fewer are accepted while the interface's transmit queue is full.
+
+        Raises:
+            BusError: The interface is down or gone.
+        """
+        return self._batcher.send(self.fd, frames, count)
+
+    def receive(self, frames: Frames) -> int:
+        """Fill ``frames`` from row 0; return how many frames came. Never blocks.
+
+        Raises:
+            BusError: The interface is down or gone.
+        """
+        return self._batcher.receive(self.fd, frames)
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self.fd = -1
+        self._socket.close()
+
+
+def _refusal(interface: str, error: OSError) -> str:
+    if error.errno == errno.ENODEV:
+        return f"there is no CAN interface {interface}"
+    if error.errno == errno.ENETDOWN:
+        return f"the interface {interface} is down (ip link set {interface} up)"
+    return f"cannot open {interface} ({error.strerror})"
