@@ -167,13 +167,10 @@ def _sine(table: ReferenceTable, home: F64) -> tuple[F64, ...]:
 def _multisine(table: ReferenceTable, home: F64) -> tuple[F64, ...]:
     """Sum of sines with random frequencies and phases; the peak is bounded by the amplitude."""
     n, m = home.shape[0], table.sines
-    low, high = (
-        table.frequency_hz
-        if isinstance(table.frequency_hz, tuple)
-        else (table.frequency_hz, table.frequency_hz)
-    )
-    if low > high:
-        raise InputError("reference.frequency_hz", f"[{low}, {high}]", "[lowest, highest]")
+    band = table.frequency_hz if isinstance(table.frequency_hz, tuple) else (table.frequency_hz,) * 2
+    if len(band) != 2 or band[0] > band[1]:
+        raise InputError("reference.frequency_hz", f"{list(band)}", "[lowest, highest]")
+    low, high = band
     rng = np.random.default_rng(table.seed)
     omega = 2 * np.pi * rng.uniform(low, high, (n, m))
     phase = rng.uniform(0, 2 * np.pi, (n, m))

@@ -35,7 +35,9 @@ class ReferenceTable(_Strict):
 
     kind: Literal["hold", "sine", "multisine", "waypoints", "csv", "paper1", "paper2"] = "multisine"
     amplitude_rad: Scalars = 0.35
-    frequency_hz: Positive | tuple[Positive, Positive] = (0.1, 0.5)
+    # One number, or [lowest, highest]. Not tuple[Positive, Positive]: msgspec 0.22 reads
+    # freed memory on a bounded number in union with a tuple of fixed length.
+    frequency_hz: Positive | tuple[Positive, ...] = (0.1, 0.5)
     sines: Annotated[int, Meta(ge=1, le=64)] = 4
     seed: int = 7
     blend_s: NonNegative = 1.0

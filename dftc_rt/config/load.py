@@ -1,0 +1,107 @@
+"""A scenario from a file, with overrides; and back to TOML, with every default written out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import tomli_w
+
+from dftc_rt.config import toml
+from dftc_rt.config.scenario import Scenario
+from dftc_rt.errors import InputError, MissingFileError
+
+
+@dataclass(frozen=True)
+class LoadedScenario:
+    """A scenario, checked.
+
+    Attributes:
+        scenario: The values.
+        text: The same as TOML, resolved: overrides applied, defaults written out.
+    """
+
+    scenario: Scenario
+    text: str
+
+
+def load_scenario(
+    source: str | Path, settings: Sequence[str] = (), shipped: Path | None = None
+) -> LoadedScenario:
+    """Load a scenario.
+
+    Args:
+        source: Path of a TOML file, or the bare name of a shipped scenario.
+        settings: Overrides, ``a.b=value``.
+        shipped: Folder in which bare names are looked up.
+
+    Raises:
+        InputError: The file or an override is wrong; one line says where.
+    """
+    path = _find(source, shipped)
+    raw = toml.apply_overrides(toml.read(path), settings)
+    _resolve_paths(raw, path.parent)
+    return from_raw(raw, str(path))
+
+
+def from_raw(raw: dict[str, Any], where: str) -> LoadedScenario:
+    """Check a scenario given as nested dictionaries.
+
+    Raises:
+        InputError: A key or value is wrong.
+    """
+    scenario = toml.convert(raw, Scenario, where)
+    robot = scenario.robot
+    if (robot.name is None) == (robot.urdf is None):
+        found = "neither name nor urdf" if robot.name is None else "both name and urdf"
+        raise InputError(f"{where}: robot", found, "one of name, urdf")
+    for k, fault in enumerate(scenario.fault):
+        if fault.end_s <= fault.start_s:
+            raise InputError(
+                f"{where}: fault[{k}].end_s", f"{fault.end_s}", f"more than start_s {fault.start_s}"
+            )
+    return LoadedScenario(scenario, tomli_w.dumps(_without_none(msgspec.to_builtins(scenario))))
+
+
+def from_text(text: str) -> Scenario:
+    """Read a resolved scenario back.
+
+    Raises:
+        InputError: It is not what :func:`load_scenario` wrote.
+    """
+    import tomllib
+
+    return from_raw(tomllib.loads(text), "resolved scenario").scenario
+
+
+def _find(source: str | Path, shipped: Path | None) -> Path:
+    path = Path(source)
+    if path.exists() or shipped is None:
+        return path
+    if path.name == str(source) and not path.suffix:
+        named = shipped / f"{source}.toml"
+        if named.is_file():
+            return named
+        known = ", ".join(sorted(p.stem for p in shipped.glob("*.toml")))
+        raise MissingFileError(str(source), "no such file", f"a file, or one of {known}")
+    return path
+
+
+def _resolve_paths(raw: dict[str, Any], folder: Path) -> None:
+    """Take paths in the file relative to the file, where such a file exists."""
+    for table, key in (("robot", "urdf"), ("reference", "file")):
+        section = raw.get(table)
+        value = section.get(key) if isinstance(section, dict) else None
+        if isinstance(value, str) and (folder / value).is_file():
+            section[key] = str((folder / value).resolve())  # type: ignore[index]
+
+
+def _without_none(node: Any) -> Any:
+    if isinstance(node, dict):
+        return {k: _without_none(v) for k, v in node.items() if v is not None}
+    if isinstance(node, (list, tuple)):
+        return [_without_none(v) for v in node]
+    return node

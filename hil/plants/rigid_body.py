@@ -1,0 +1,209 @@
+"""The true robot: forward dynamics, friction, torque lag, actuator faults and brakes.
+
+    M(q) a + C(q, v) v + G(q) = rho u_m - viscous v - coulomb tanh(v / V_STICK)
+
+u_m, the motors' torque, follows the command through a first-order lag; rho is the
+effectiveness, which only this side knows. Semi-implicit Euler at a fixed step. A joint
+whose brake is closed is held exactly: the rest moves under the constraint.
+
+Source: [zhao2017] eq. (2), (36); pinocchio.aba.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numba
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from dftc_rt.config.scenario import DriveTable, PlantTable
+from dftc_rt.dynamics.model import Robot, with_armature, with_payload
+from dftc_rt.errors import InputError
+from hil.faults import effectiveness
+
+F64 = NDArray[np.float64]
+
+V_STICK: Final = 0.01  # rad/s at which Coulomb friction has all but reached its value
+
+
+@numba.njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _torques(
+    t: float,
+    alpha: float,
+    faults: NDArray[np.void],
+    rows: F64,
+    v: F64,
+    friction: F64,
+    tau: F64,
+) -> None:
+    """Motor lag, effectiveness and friction: the torque that moves the links.
+
+    ``rows`` is (5, n): command, motor torque, applied torque, rho, fault.
+    """
+    effectiveness(t, faults, rows[3], rows[4])
+    for i in range(v.shape[0]):
+        rows[1, i] += alpha * (rows[0, i] - rows[1, i])
+        rows[2, i] = rows[3, i] * rows[1, i]
+        tau[i] = (
+            rows[2, i]
+            - friction[0, i] * v[i]
+            - friction[1, i] * np.tanh(v[i] / V_STICK)
+        )
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _integrate(dt: float, a: F64, v: F64, q: F64) -> None:
+    for i in range(v.shape[0]):
+        v[i] += dt * a[i]
+        q[i] += dt * v[i]
+
+
+class RigidBodyPlant:
+    """A robot that moves.
+
+    Attributes:
+        n: Number of joints.
+        t: Rig time, s; a whole number of substeps.
+        q: True position, (n,), rad.
+        v: True velocity, (n,), rad/s.
+        command: Torque the motors are told, (n,), Nm.
+        motor: Torque the motors would give when healthy, (n,), Nm: current times
+            nominal torque constant, so it does not know the loss.
+        applied: Torque the motors do give, rho times ``motor``, (n,), Nm.
+        rho: Effectiveness, (n,).
+        fault: 1.0 while a fault of the joint is active, (n,).
+        released: Whether each brake is open, (n,), bool; set through :meth:`set_brakes`.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        plant: PlantTable,
+        drive: DriveTable,
+        faults: NDArray[np.void],
+        period_s: float,
+        q0: F64,
+        v0: F64,
+    ) -> None:
+        """Build the true robot at rest or in motion at ``q0``, ``v0``, brakes closed.
+
+        Args:
+            robot: What the controller believes.
+            plant: What is true: payload, friction, armature, substeps.
+            drive: Torque lag.
+            faults: From :func:`hil.faults.compile_faults`.
+            period_s: Control period, s.
+            q0: Initial position, (n,), rad.
+            v0: Initial velocity, (n,), rad/s, kept until the brakes open.
+
+        Raises:
+            InputError: A per-joint value has the wrong length.
+        """
+        n = self.n = robot.n
+        model = robot.model
+        if plant.payload_kg > 0:
+            model = with_payload(robot, plant.payload_kg, np.asarray(plant.payload_com_m))
+        if plant.armature is not None:
+            model = with_armature(model, per_joint(plant.armature, n, "rig.plant.armature"))
+        self._model = model
+        self._data = model.createData()
+        self._configuration = robot.configuration
+        self._direct = model.nq == model.nv
+        self.dt = period_s / plant.substeps
+        self._alpha = 1.0 - np.exp(-self.dt / drive.torque_lag_s) if drive.torque_lag_s > 0 else 1.0
+        self._faults = faults
+        self._friction = np.stack(
+            [
+                per_joint(plant.viscous, n, "rig.plant.viscous"),
+                per_joint(plant.coulomb, n, "rig.plant.coulomb"),
+            ]
+        )
+        self._rows = np.zeros((5, n))
+        self.command, self.motor, self.applied, self.rho, self.fault = self._rows
+        self.rho[:] = 1.0
+        self._tau = np.zeros(n)
+        self.q, self.v = q0.astype(np.float64).copy(), np.zeros(n)
+        self._v0 = v0.astype(np.float64).copy()
+        self.released = np.zeros(n, dtype=bool)
+        self._all_released = False
+        self._any_released = False
+        self._steps = 0
+        effectiveness(0.0, faults, self.rho, self.fault)
+
+    @property
+    def t(self) -> float:
+        """Rig time, s."""
+        return self._steps * self.dt
+
+    def set_brakes(self, released: NDArray[np.bool_]) -> None:
+        """Open and close brakes; a brake that closes takes the joint's velocity at once."""
+        if np.array_equal(released, self.released):
+            return
+        opened = released & ~self.released
+        closed = ~released & self.released
+        self.v[opened] = self._v0[opened]
+        self._v0[opened] = 0.0
+        if closed.any():
+            # Inelastic: M (v+ - v) = J^T impulse with v+ = 0 on every closed brake.
+            held = ~released
+            M = self._mass_matrix()
+            free = released
+            v_held = self.v[held].copy()
+            self.v[held] = 0.0
+            if free.any():
+                self.v[free] += np.linalg.solve(
+                    M[np.ix_(free, free)], M[np.ix_(free, held)] @ v_held
+                )
+        self.released[:] = released
+        self._all_released = bool(released.all())
+        self._any_released = bool(released.any())
+        self.motor[~released] = 0.0
+
+    def advance(self, steps: int) -> None:
+        """Integrate ``steps`` substeps of ``dt``."""
+        rows, q, v, tau = self._rows, self.q, self.v, self._tau
+        for _ in range(steps):
+            _torques(self._steps * self.dt, self._alpha, self._faults, rows, v, self._friction, tau)
+            if self._all_released:
+                a = pin.aba(
+                    self._model,
+                    self._data,
+                    q if self._direct else self._configuration(q),
+                    v,
+                    tau,
+                )
+                _integrate(self.dt, a, v, q)
+            elif self._any_released:
+                _integrate(self.dt, self._constrained(), v, q)
+            self._steps += 1
+
+    def _mass_matrix(self) -> F64:
+        M = pin.crba(self._model, self._data, self._configuration(self.q))
+        full: F64 = np.triu(M) + np.triu(M, 1).T
+        return full
+
+    def _constrained(self) -> F64:
+        """Acceleration, (n,), with the closed brakes' joints at rest."""
+        h = pin.nonLinearEffects(self._model, self._data, self._configuration(self.q), self.v)
+        free = self.released
+        a = np.zeros(self.n)
+        a[free] = np.linalg.solve(
+            self._mass_matrix()[np.ix_(free, free)], (self._tau - h)[free]
+        )
+        self.motor[~free] = 0.0
+        self.applied[~free] = 0.0
+        return a
+
+
+def per_joint(value: float | tuple[float, ...], n: int, where: str) -> F64:
+    """Return a scalar-or-list setting as (n,).
+
+    Raises:
+        InputError: The list has neither 1 nor n values.
+    """
+    values = np.atleast_1d(np.asarray(value, dtype=np.float64))
+    if values.size not in (1, n):
+        raise InputError(where, f"{values.size} values", f"1 or {n}, one per joint")
+    return np.broadcast_to(values, (n,)).copy()
