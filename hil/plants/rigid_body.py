@@ -19,7 +19,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from dftc_rt.config.scenario import DriveTable, PlantTable
-from dftc_rt.dynamics.model import Robot, with_armature, with_payload
+from dftc_rt.dynamics.model import Robot
+from dftc_rt.dynamics.payload import with_armature, with_payload
 from dftc_rt.errors import InputError
 from hil.faults import effectiveness
 
@@ -104,7 +105,7 @@ class RigidBodyPlant:
         n = self.n = robot.n
         model = robot.model
         if plant.payload_kg > 0:
-            model = with_payload(robot, plant.payload_kg, np.asarray(plant.payload_com_m))
+            model = with_payload(robot, plant.payload_kg, plant.payload_com_m)
         if plant.armature is not None:
             model = with_armature(model, per_joint(plant.armature, n, "rig.plant.armature"))
         self._model = model
@@ -120,8 +121,8 @@ class RigidBodyPlant:
                 per_joint(plant.coulomb, n, "rig.plant.coulomb"),
             ]
         )
-        self._rows = np.zeros((5, n))
-        self.command, self.motor, self.applied, self.rho, self.fault = self._rows
+        self.rows = np.zeros((5, n))
+        self.command, self.motor, self.applied, self.rho, self.fault = self.rows
         self.rho[:] = 1.0
         self._tau = np.zeros(n)
         self.q, self.v = q0.astype(np.float64).copy(), np.zeros(n)
@@ -163,7 +164,7 @@ class RigidBodyPlant:
 
     def advance(self, steps: int) -> None:
         """Integrate ``steps`` substeps of ``dt``."""
-        rows, q, v, tau = self._rows, self.q, self.v, self._tau
+        rows, q, v, tau = self.rows, self.q, self.v, self._tau
         for _ in range(steps):
             _torques(self._steps * self.dt, self._alpha, self._faults, rows, v, self._friction, tau)
             if self._all_released:

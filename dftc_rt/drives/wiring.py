@@ -1,0 +1,41 @@
+"""From a robot's joints to its drives: which bus, which node, which scale."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dftc_rt.config.robot import JointConfig
+from dftc_rt.drives.scale import JointScale
+
+
+def joint_scales(joints: Sequence[JointConfig]) -> list[JointScale]:
+    """Return the data sheets of the drives, in joint order.
+
+    Raises:
+        InputError: A value is out of what the drive can express.
+    """
+    return [
+        JointScale(
+            joint=j.name,
+            counts_per_rev=j.counts_per_rev,
+            rated_torque_nm=j.rated_torque_nm,
+            max_torque_nm=j.torque_limit_nm,
+            gear=j.gear,
+            sign=j.sign,
+            zero_offset_rad=j.zero_offset_rad,
+        )
+        for j in joints
+    ]
+
+
+def bus_names(joints: Sequence[JointConfig]) -> list[str]:
+    """Return the logical buses, in the order in which the joints name them."""
+    return list(dict.fromkeys(j.bus for j in joints))
+
+
+def bus_members(joints: Sequence[JointConfig], bus: str) -> NDArray[np.int64]:
+    """Return the indices of the joints on one bus, (m,)."""
+    return np.array([i for i, j in enumerate(joints) if j.bus == bus], dtype=np.int64)

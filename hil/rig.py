@@ -1,0 +1,301 @@
+"""The rig: emulated drives on their buses, around the true robot.
+
+One step is one control period of the plant, then one latch of all drives. In lock-step a
+step ends when every bus has seen the controller's barrier, and several SYNCs of one cycle
+(one a bus) are one step. In wall time the plant is integrated up to the moment of SYNC.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Final, Protocol
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from dftc_rt.bus.frame import frame_buffer
+from dftc_rt.config.scenario import Scenario
+from dftc_rt.drives.scale import ScaleTable
+from dftc_rt.drives.wiring import bus_names, joint_scales
+from dftc_rt.dynamics.model import Robot
+from hil.bus.port import BusPort
+from hil.drive.node402 import Cia402Drives, DriveSpec
+from hil.drive.sensors import Sensors, torque_commands
+from hil.faults import compile_faults, effectiveness
+from hil.plants.rigid_body import RigidBodyPlant, per_joint
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+
+_CAPACITY: Final = 512
+_CATCH_UP_PERIODS: Final = 20  # more than this at once: the rig itself was not scheduled
+NS: Final = 1_000_000_000
+
+
+class RecordSink(Protocol):
+    """Where the truth goes, one record a step."""
+
+    def slot(self) -> F64:
+        """Return where to write the next record, (1 + 6 n,)."""
+        ...
+
+    def commit(self) -> bool:
+        """Hand the slot over."""
+        ...
+
+
+EventFunction = Callable[[float, int, str, str], object]
+"""Called as (t, severity, source, text)."""
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _record(
+    t: float, q: F64, v: F64, rows: F64, commands: I64, last: I64, age: F64, out: F64
+) -> None:
+    """Fill one record of ``/rig``: t, then rows q, v, tau_applied, rho, fault, cmd_age."""
+    n = q.shape[0]
+    out[0] = t
+    for i in range(n):
+        age[i] = 1.0 if commands[i] != last[i] else age[i] + 1.0
+        last[i] = commands[i]
+        out[1 + i] = q[i]
+        out[1 + n + i] = v[i]
+        out[1 + 2 * n + i] = rows[2, i]
+        out[1 + 3 * n + i] = rows[3, i]
+        out[1 + 4 * n + i] = rows[4, i]
+        out[1 + 5 * n + i] = age[i]
+
+
+class Rig:
+    """Drives, buses and plant; driven by :meth:`service_lockstep` or :meth:`service_wall`.
+
+    Attributes:
+        plant: The true robot.
+        drives: The emulated drives.
+        steps: Steps done, 0 before the first SYNC.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        robot: Robot,
+        ports: Sequence[BusPort],
+        q0: F64,
+        v0: F64,
+        sink: RecordSink,
+        event: EventFunction,
+    ) -> None:
+        """Power the rig on: brakes closed, drives in their default mapping.
+
+        Args:
+            scenario: The resolved scenario.
+            robot: What the controller believes; the plant differs as the scenario says.
+            ports: One a bus, in the order of ``bus_names``.
+            q0: True initial position, (n,), rad.
+            v0: True initial velocity once the brakes open, (n,), rad/s.
+            sink: Takes one record a step.
+            event: Takes events.
+
+        Raises:
+            InputError: A value of ``[rig]`` or a fault does not fit the robot.
+        """
+        n = robot.n
+        names = bus_names(robot.joint_config)
+        scales = joint_scales(robot.joint_config)
+        table = ScaleTable.of(scales)
+        self._scale = table.values
+        self._period = 1.0 / scenario.executor.rate_hz
+        self._substeps = scenario.rig.plant.substeps
+        self._faults = compile_faults(scenario.fault, robot.joints)
+        self.plant = RigidBodyPlant(
+            robot, scenario.rig.plant, scenario.rig.drive, self._faults, self._period, q0, v0
+        )
+        self.drives = Cia402Drives(
+            [
+                DriveSpec(j.node_id, names.index(j.bus), scale, scenario.rig.drive.watchdog_s)
+                for j, scale in zip(robot.joint_config, scales, strict=True)
+            ],
+            len(names),
+        )
+        self._sensors = Sensors(scenario.rig.drive, table, scenario.seed, n)
+        self._sensors.preset(self.plant.q, self.drives.objects)
+        self._ports = list(ports)
+        self._sink = sink
+        self._event = event
+        self._inbox = frame_buffer(_CAPACITY)
+        self._out = frame_buffer(_CAPACITY)
+        self._synced = [False] * len(names)
+        self._last_commands = np.zeros(n, dtype=np.int64)
+        self._age = np.zeros(n)
+        self._released = np.zeros(n, dtype=bool)
+        self.steps = 0
+        self._dt_ns = self._period / self._substeps * NS
+        self._origin = 0  # wall time of rig time 0, ns
+        self._substeps_done = 0
+        self._last_step = 0  # wall time of the last step, ns
+        self.stalls = 0
+
+    @property
+    def t(self) -> float:
+        """Rig time, s: 0 at the first SYNC."""
+        return self.plant.t
+
+    # -- lock-step ----------------------------------------------------------------------
+
+    def service_lockstep(self) -> bool:
+        """Take what has come; step once every bus has seen the controller's barrier.
+
+        Returns:
+            Whether a step was made.
+
+        Raises:
+            BusError: A bus has gone away.
+        """
+        for bus, port in enumerate(self._ports):
+            self._take(bus, port)
+        if not all(port.barrier_pending for port in self._ports):
+            return False
+        cycles = [port.pop_barrier() for port in self._ports]
+        stepped = any(self._synced)
+        if stepped:
+            if self.steps:
+                self.plant.advance(self._substeps)
+            self._latch()
+            for bus, port in enumerate(self._ports):
+                self._answer(bus, port)
+                self._synced[bus] = False
+        for port, cycle in zip(self._ports, cycles, strict=True):
+            port.send_barrier(cycle or 0)
+        return stepped
+
+    # -- wall time ----------------------------------------------------------------------
+
+    def service_wall(self, now: int) -> None:
+        """Take what has come and answer at once; the plant follows the clock.
+
+        Args:
+            now: CLOCK_MONOTONIC, ns.
+
+        Raises:
+            BusError: A bus has gone away.
+        """
+        for bus, port in enumerate(self._ports):
+            while True:
+                count = port.receive(self._inbox)
+                if not count:
+                    break
+                row = 0
+                while row < count:
+                    row = self.drives.receive(bus, self._inbox, row, count)
+                    if self.drives.synced:
+                        if not self.steps or now - self._last_step > 0.5 * self._period * NS:
+                            self._step_wall(now)
+                        else:
+                            self._actuate()
+                    self._answer(bus, port)
+
+    def idle_wall(self, now: int) -> None:
+        """Let time pass without SYNC: the plant moves on and the watchdogs run.
+
+        Args:
+            now: CLOCK_MONOTONIC, ns.
+        """
+        if not self.steps:
+            return
+        self._step_wall(now)
+        for bus, port in enumerate(self._ports):
+            self._answer(bus, port)
+
+    @property
+    def patience_s(self) -> float:
+        """How long to wait for a SYNC before :meth:`idle_wall`, s."""
+        return 2.0 * self._period if self.steps else 0.1
+
+    def _step_wall(self, now: int) -> None:
+        if not self.steps:
+            self._origin = now
+        due = int((now - self._origin) / self._dt_ns) - self._substeps_done
+        most = _CATCH_UP_PERIODS * self._substeps
+        if due > most:
+            # Nobody let this process run: that is the host's doing, not the drives'.
+            self._origin += round((due - self._substeps) * self._dt_ns)
+            self._event(self.t, 2, "rig", f"not scheduled for {due * self._dt_ns / NS:.3f} s")
+            self.stalls += 1
+            due = self._substeps
+        self.plant.advance(due)
+        self._substeps_done += due
+        self._last_step = now
+        self._latch()
+
+    # -- shared -------------------------------------------------------------------------
+
+    def _take(self, bus: int, port: BusPort) -> None:
+        """Hand over what has come on one bus; SDO and NMT are answered at once."""
+        while True:
+            count = port.receive(self._inbox)
+            if not count:
+                return
+            row = 0
+            while row < count:
+                row = self.drives.receive(bus, self._inbox, row, count)
+                if self.drives.synced:
+                    self._synced[bus] = True
+            if not self._synced[bus]:
+                self._answer(bus, port)
+
+    def _latch(self) -> None:
+        """End a step: timers, new torque commands and brakes, sensors, the record."""
+        plant, drives = self.plant, self.drives
+        t = plant.t
+        drives.tick(t)
+        effectiveness(t, self._faults, plant.rho, plant.fault)
+        _record(
+            t,
+            plant.q,
+            plant.v,
+            plant.rows,
+            drives.commands,
+            self._last_commands,
+            self._age,
+            self._sink.slot(),
+        )
+        self._sink.commit()
+        self._actuate()
+        self._sensors.latch(plant.q, plant.v, plant.motor, drives.objects)
+        self.steps += 1
+
+    def _actuate(self) -> None:
+        """Put the commands in force into the motors and the brakes."""
+        plant, drives = self.plant, self.drives
+        torque_commands(drives.objects, self._scale, plant.command)
+        np.equal(drives.operation_enabled, 1, out=self._released)
+        plant.set_brakes(self._released)
+
+    def _answer(self, bus: int, port: BusPort) -> None:
+        count = self.drives.answer(bus, self._out)
+        if count:
+            port.send(self._out, count)
+
+
+def initial_state(scenario: Scenario, robot: Robot, on_reference: F64) -> tuple[F64, F64]:
+    """Return true initial position and velocity, (n,) each.
+
+    Args:
+        scenario: The scenario.
+        robot: The robot.
+        on_reference: Desired position and velocity at t = 0, rows 0 and 1.
+
+    Raises:
+        InputError: ``q0_rad`` or ``v0_rad_s`` does not have a value per joint.
+    """
+    plant = scenario.rig.plant
+    q0 = on_reference[0].copy()
+    v0 = on_reference[1].copy() if scenario.reference.blend_s == 0 else np.zeros(robot.n)
+    if plant.q0_rad is not None:
+        q0 = per_joint(plant.q0_rad, robot.n, "rig.plant.q0_rad")
+    if plant.v0_rad_s is not None:
+        v0 = per_joint(plant.v0_rad_s, robot.n, "rig.plant.v0_rad_s")
+    return q0, v0
+
+
