@@ -82,6 +82,7 @@ class Recorder:
         self._link_frames = link_frames
         self._n = len(cycle.joints)
         self._at = {row: len(cycle.header) + i * self._n for i, row in enumerate(cycle.rows)}
+        self.t = 0.0  # s, of the newest record
         self._next_view = -np.inf
         self._flushed = -np.inf
         self._file = _File(self.path, "wb" if overwrite else "xb")

@@ -1,0 +1,118 @@
+"""The recorder's loop: from the rings to the log, apart from everything with a deadline."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dftc_rt.log.recorder import Recorder
+from dftc_rt.ring import EventRing, Ring
+
+DRAIN_S: Final = 0.02
+_WARNING: Final = 2
+
+
+@dataclass
+class Recorded:
+    """What the loop has done.
+
+    Attributes:
+        cycles: Records of ``/cycle`` logged.
+        rig: Records of ``/rig`` logged.
+        events: Events logged.
+        dropped: Records lost to a full ring, by the ring's name.
+        finished: Whether every writer had closed and its ring was empty; False when the
+            loop was told to stop first.
+    """
+
+    cycles: int
+    rig: int
+    events: int
+    dropped: dict[str, int]
+    finished: bool
+
+
+def record(
+    cycle_ring: Ring,
+    rig_ring: Ring | None,
+    event_rings: Sequence[EventRing],
+    recorder: Recorder,
+    stop: Callable[[], bool],
+    *,
+    wait: Callable[[float], object] = time.sleep,
+    clock: Callable[[], float] = time.monotonic,
+) -> Recorded:
+    """Drain the rings into the log until the writers have closed, or ``stop`` says so.
+
+    On ``stop`` what the rings still hold is logged before the return, so that a stop loses
+    nothing that was committed. Drops appear as events. The recorder is left open.
+
+    Args:
+        cycle_ring: The controller's records.
+        rig_ring: The rig's records; None when there is no rig.
+        event_rings: Events of controller, rig and launcher.
+        recorder: Where it goes.
+        stop: Asked every pass; true to end (a signal, or the parent has gone).
+        wait: Sleeps so many seconds between passes; may return early.
+        clock: Monotonic time, s.
+
+    Raises:
+        LogError: The file cannot be written.
+        EnvironmentLacksError: The disk is full.
+    """
+    rings: dict[str, Ring | EventRing] = {"cycle": cycle_ring}
+    if rig_ring is not None:
+        rings["rig"] = rig_ring
+    rings |= {f"events {i}": ring for i, ring in enumerate(event_rings)}
+    done = Recorded(0, 0, 0, dict.fromkeys(rings, 0), False)
+    while True:
+        # Asked before draining: what was committed before the end is then drained.
+        done.finished = all(ring.closed for ring in rings.values())
+        ending = done.finished or stop()
+        done.cycles += _drain(cycle_ring, recorder.write_cycles)
+        if rig_ring is not None:
+            done.rig += _drain(rig_ring, recorder.write_rig)
+        done.events += sum(_drain_events(ring, recorder) for ring in event_rings)
+        _report_drops(rings, done.dropped, recorder)
+        if ending:
+            recorder.flush()
+            return done
+        recorder.flush_due(clock())
+        wait(DRAIN_S)
+
+
+def _drain(ring: Ring, write: Callable[[NDArray[np.float64]], None]) -> int:
+    """Log what is in the ring now; no more, or a live writer could keep us here."""
+    count = left = ring.pending
+    while left > 0:
+        block = ring.drain(left)
+        write(block)
+        ring.advance(len(block))
+        left -= len(block)
+    return count
+
+
+def _drain_events(ring: EventRing, recorder: Recorder) -> int:
+    events = ring.drain()
+    for event in events:
+        recorder.write_event(*event)
+    ring.advance(len(events))
+    return len(events)
+
+
+def _report_drops(
+    rings: Mapping[str, Ring | EventRing],
+    known: dict[str, int],
+    recorder: Recorder,
+) -> None:
+    for name, ring in rings.items():
+        dropped = ring.dropped
+        if dropped > known[name]:
+            text = f"{dropped - known[name]} records of ring {name!r} dropped: it was full"
+            recorder.write_event(recorder.t, _WARNING, "recorder", text)
+            known[name] = dropped
