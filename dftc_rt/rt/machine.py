@@ -15,7 +15,8 @@ import sys
 from pathlib import Path
 
 from dftc_rt.bus import directory
-from dftc_rt.errors import InputError
+from dftc_rt.bus.link_kind import link_kind
+from dftc_rt.errors import EnvironmentLacksError, InputError
 
 MCL_CURRENT = 1
 
@@ -121,6 +122,17 @@ class Machine:
         except OSError as error:
             return error.strerror or str(error)
         return ""
+
+    def vcan_links(self) -> list[str]:
+        """Return the network links of kind vcan."""
+        links = []
+        for _, name in socket.if_nameindex():
+            try:
+                if link_kind(name) == "vcan":
+                    links.append(name)
+            except EnvironmentLacksError:
+                return []
+        return sorted(links)
 
     def refuses_seqpacket(self) -> str:
         """Open and close an AF_UNIX SOCK_SEQPACKET pair; return why not, "" when possible."""

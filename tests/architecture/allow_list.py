@@ -7,6 +7,7 @@ through. Here a module that no arrow names is itself a violation.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from grimp import ImportGraph
 from importlinter import Contract, ContractCheck, fields, output
@@ -85,8 +86,9 @@ def violations(
 class AllowListContract(Contract):
     """``arrows``: ``"place -> allowed places"``; ``importers``: ``"package <- places"``."""
 
-    arrows = fields.ListField(subfield=fields.StringField())
-    importers = fields.ListField(subfield=fields.StringField())
+    # Fields on the class, lists of their values on an instance.
+    arrows: Any = fields.ListField(subfield=fields.StringField())
+    importers: Any = fields.ListField(subfield=fields.StringField())
 
     def check(self, graph: ImportGraph, verbose: bool) -> ContractCheck:
         found = violations(graph, parse(self.arrows, "->"), parse(self.importers, "<-"))
