@@ -56,9 +56,9 @@ def exact_bits(frames: Frames, row: int) -> int:
         frames: Classical batch, uint8, shape ``(capacity, 16)``.
         row: Row to look at.
     """
-    identifier = can_id(frames, row)
+    identifier: int = can_id(frames, row)
     remote = (identifier >> 30) & 1
-    payload = data_bytes(frames, row)
+    payload: int = data_bytes(frames, row)
 
     # The header as one number, most significant bit first; SOF is the zero above.
     if identifier >> 31:

@@ -1,6 +1,6 @@
 """Does a cycle's traffic fit its bus? Nominal and worst-case bit time, before a run.
 
-Per cycle a CiA 402 bus carries SYNC, for each joint a command (RPDO1: status
+Per cycle a CiA 402 bus carries SYNC, for each joint a command (RPDO1: control
 word and torque, 4 bytes) and an answer (TPDO1: position and velocity, 8 bytes), one
 measured torque (TPDO3, 2 bytes, the joints in turn), and now and then SDO, heartbeat
 and EMCY. A configuration whose worst case takes more than 90 % of the period is

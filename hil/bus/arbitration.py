@@ -20,7 +20,7 @@ def arbitration_key(frames: Frames, row: int) -> int:
 
     Source: Bosch CAN 2.0 (1991), part B, 3.1.1.
     """
-    identifier = can_id(frames, row)
+    identifier: int = can_id(frames, row)
     remote = (identifier >> 30) & 1
     if identifier >> 31:
         base = (identifier >> 18) & 0x7FF

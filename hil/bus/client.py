@@ -63,7 +63,7 @@ class Client:
             BusError: The client has left.
         """
         count = self._screened(frames, self.socket.receive(frames))
-        at = find_barrier(frames, count)
+        at: int = find_barrier(frames, count)
         if at < count:
             self.barrier = barrier_cycle(frames, at)
             behind = count - at - 1

@@ -1,0 +1,49 @@
+#!/bin/sh
+# Run the tests marked vcan in a User-Mode Linux kernel: a kernel with AF_CAN and vcan as
+# an ordinary process, whatever the host's kernel has. Needs the Debian packages
+# user-mode-linux, kmod and iproute2, and root (the links are made inside).
+#
+#   tests/uml/run.sh [pytest arguments]      default: tests
+#
+# Environment: PYTHON (default: .venv/bin/python), UML_TIMEOUT_S (default: 900).
+# Exit code: pytest's; 3 when something is missing; 4 when the kernel did not boot or
+# died; 5 when no test ran.
+set -eu
+
+here=$(cd "$(dirname "$0")" && pwd)
+root=$(cd "$here/../.." && pwd)
+python=${PYTHON:-$root/.venv/bin/python}
+
+lacks() {
+  echo "tests/uml/run.sh: $1" >&2
+  exit 3
+}
+kernel=$(command -v linux.uml) || lacks "no linux.uml; apt-get install user-mode-linux kmod iproute2"
+for tool in timeout ip insmod; do
+  command -v "$tool" >/dev/null || lacks "no $tool; apt-get install coreutils kmod iproute2"
+done
+python=$(command -v "$python") || lacks "no Python at $python; make dev, or set PYTHON"
+[ "$(id -u)" = 0 ] || lacks "must be root, so that the host's files are root's inside as well"
+
+# Everything the inside needs to know, and what it tells us, in one fresh directory.
+job=$(mktemp -d "${TMPDIR:-/var/tmp}/dftc-uml.XXXXXX")
+trap 'rm -rf "$job"' EXIT
+trap 'exit 130' INT TERM
+[ $# -gt 0 ] || set -- tests
+printf '%s\0' "$@" >"$job/arguments"
+printf '%s\n' "$root" >"$job/root"
+printf '%s\n' "$python" >"$job/python"
+
+# The kernel puts its memory into a file in TMPDIR. Its console is our stdin and stdout.
+echo "Booting $(basename "$kernel") for: pytest -m vcan $*" >&2
+status=0
+TMPDIR="$job" timeout --kill-after=10 "${UML_TIMEOUT_S:-900}" \
+  "$kernel" mem=1G root=/dev/root rootfstype=hostfs rootflags=/ rw \
+  init="$here/init.sh" dftc_job="$job" umid="dftc-$$" uml_dir="$job/" \
+  con=null con0=null,fd:1 quiet </dev/null || status=$?
+
+if [ ! -s "$job/exit_code" ]; then
+  echo "tests/uml/run.sh: the kernel ended (status $status) before the tests did" >&2
+  exit 4
+fi
+exit "$(cat "$job/exit_code")"
