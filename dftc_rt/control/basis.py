@@ -99,9 +99,7 @@ def network(weights: F64, sigma: F64) -> float:
 
 
 @njit(**_CACHE)  # type: ignore[untyped-decorator]
-def adapt(
-    weights: F64, sigma: F64, drive: float, leak: float, bound: float, period: float
-) -> None:
+def adapt(weights: F64, sigma: F64, drive: float, leak: float, bound: float, period: float) -> None:
     """One explicit step of Ŵ̇ = drive σ - leak Ŵ, projected to |Ŵ_k| ≤ bound.
 
     With leak 0 and bound infinity this is the printed adaptation, where ``drive`` is

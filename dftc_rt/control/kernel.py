@@ -288,9 +288,7 @@ def build_kernel(revision: int) -> Callable[..., int]:
     ) -> int:
         status = 0 * revision
         for i in range(par.shape[0]):
-            status |= joint(
-                i, rec, m[i], b[i], par[i], st[i], w[i], c[i], sigma, history[i]
-            )
+            status |= joint(i, rec, m[i], b[i], par[i], st[i], w[i], c[i], sigma, history[i])
         return status
 
     return cycle  # type: ignore[no-any-return]

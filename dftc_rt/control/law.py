@@ -98,9 +98,7 @@ def robust_term(delta: float, xi: float, big_s: float, sgn: float) -> float:
 
 
 @njit(**_CACHE)  # type: ignore[untyped-decorator]
-def bound_step(
-    value: float, drive: float, leak: float, bound: float, period: float
-) -> float:
+def bound_step(value: float, drive: float, leak: float, bound: float, period: float) -> float:
     """One explicit step of ẇ = drive - leak w, projected to [0, bound].
 
     ``drive`` is Γ_δ |s| S in (13), Γ_ξ |s| in (14) and Γ_δo |e_2o| E in (23), with |·| taken

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from dftc_rt.control import derate, settings
 from dftc_rt.control.baselines.computed_torque import ComputedTorque, InverseDynamics
 from dftc_rt.control.dftc import Dftc
 from dftc_rt.control.interface import F64, Law
@@ -45,7 +46,9 @@ def build(
         q_lower: Lower position limits, (n,), rad; an infinite one is taken as -π.
         q_upper: Upper position limits, (n,), rad; an infinite one is taken as π.
         velocity_limit: (n,), rad/s; an infinite or zero one is taken as 3 rad/s.
-        inverse_dynamics: Needed by ``computed_torque``: (q, v, a) to torque.
+        inverse_dynamics: (q, v, a) to torque of the whole robot, in (n,) each. Needed by
+            ``computed_torque``; given to any law, it lowers λ and k at set-up to what the
+            coupled robot holds (setting ``delay_phase``).
 
     Raises:
         InputError: The name is unknown, or a value is wrong.
@@ -71,11 +74,27 @@ def build(
         q_upper=_finite_or(q_upper, np.pi, n),
         velocity_limit=np.where(np.isfinite(speed) & (speed > 0.0), speed, 3.0),
     )
+    gains = dict(gains)
+    if name != "paper" and inverse_dynamics is not None:
+        gains.update(_held(gains, joints, inverse_dynamics))
     if name == "computed_torque":
         if inverse_dynamics is None:
             raise InputError("control.law", "computed_torque", "a model of the whole robot")
         return ComputedTorque(joints, gains, inverse_dynamics)
     return Dftc(joints, gains, ftc=ftc, printed=name == "paper")
+
+
+def _held(
+    gains: Mapping[str, Value], joints: Joints, inverse_dynamics: InverseDynamics
+) -> dict[str, Value]:
+    """λ and k lowered to what the coupled robot holds; the same for every law."""
+    values = settings.parse(gains, joints.torque_limit.shape[0], printed=False).values
+    lam, k, phase = values["lam"], values["k"], float(values["delay_phase"].min())
+    if not np.isfinite(phase):
+        return {}
+    lag = float(values["torque_lag_s"].max())
+    factor = derate.factors(inverse_dynamics, joints, lam + k, lag, phase)
+    return {"lam": list(lam * factor), "k": list(k * factor)}
 
 
 def _positive(where: str, values: Any, n: int) -> F64:

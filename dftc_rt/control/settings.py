@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -16,7 +16,7 @@ from dftc_rt.control.interface import F64
 from dftc_rt.errors import InputError
 
 INF: Final = math.inf
-Value = float | int | bool | str | list[Any]
+Value = float | int | bool | str | Sequence[Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,8 @@ class Setting:
 NUMBERS: Final[tuple[Setting, ...]] = (
     # law
     Setting("lam", 25.0, 5.0, "1/s", "λ of the sliding variable (4)"),
-    Setting("k", 40.0, 10.0, "1/s", "feedback gain k of (10)"),
+    Setting("k", 25.0, 10.0, "1/s", "feedback gain k of (10)"),
+    Setting("delay_phase", 1.0, INF, "rad", "λ, k are lowered at set-up until ω_c T is below it"),
     Setting("layer", 0.3, 0.0, "rad/s", "boundary layer of sgn(s) in (10); 0: exact sgn"),
     Setting("dead_zone", 0.03, 0.0, "rad/s", "|s| below it does not feed (13), (14)"),
     Setting("s_bound", 10.0, INF, "1", "bound on S = 1 + |s| + s²"),
