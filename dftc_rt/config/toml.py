@@ -12,7 +12,6 @@ import difflib
 import math
 import re
 import tomllib
-import types
 import typing
 from collections.abc import Iterable
 from pathlib import Path
@@ -27,7 +26,11 @@ T = TypeVar("T")
 _SEGMENT = re.compile(r"([A-Za-z0-9_-]+)((?:\[\d+\])*)")
 _UNKNOWN_FIELD = re.compile(r"Object contains unknown field `(?P<key>.*)`$", re.DOTALL)
 _MISSING_FIELD = re.compile(r"Object missing required field `(?P<key>.*)`$", re.DOTALL)
-_EXPECTED_GOT = re.compile(r"Expected `(?P<expected>.+?)`, got `(?P<got>.+)`$", re.DOTALL)
+_EXPECTED = re.compile(
+    r"Expected `(?P<type>[^`]+)`(?:, got `(?P<got>[^`]+)`|(?P<bound> .+))?$", re.DOTALL
+)
+_STEP = re.compile(r"([^.\[\]]+)(?![^\[]*\])|\[(\d+)\]")
+_NOTHING = object()
 _WORDS = {
     "array": "a list", "object": "a table", "str": "a string", "int": "an integer",
     "float": "a number", "bool": "true or false", "null": "nothing",
@@ -80,7 +83,7 @@ def convert(raw: dict[str, Any], type: type[T], where: str) -> T:
     try:
         return msgspec.convert(raw, type)
     except msgspec.ValidationError as error:
-        raise _explain(error, type, where) from None
+        raise _explain(error, raw, type, where) from None
 
 
 def apply_overrides(raw: dict[str, Any], settings: Iterable[str]) -> dict[str, Any]:
@@ -97,7 +100,7 @@ def apply_overrides(raw: dict[str, Any], settings: Iterable[str]) -> dict[str, A
     result = copy.deepcopy(raw)
     for setting in settings:
         path, equals, text = setting.partition("=")
-        where = f"--set {setting}"
+        where = f"--set {_one_line(setting)}"
         if not equals:
             raise InputError(where, "no '='", "key.path=value")
         _assign(result, _steps(path.strip(), where), parse_value(text.strip()), where)
@@ -165,25 +168,35 @@ def _refuse_nan(node: Any, where: str, path: str) -> None:
             _refuse_nan(value, where, f"{path}[{index}]")
 
 
-def _explain(error: msgspec.ValidationError, type_: Any, where: str) -> InputError:
+def _explain(error: msgspec.ValidationError, raw: Any, type_: Any, where: str) -> InputError:
     text, _, location = str(error).partition(" - at `$")
-    path = location.rstrip("`").lstrip(".").replace("[...]", "")
+    # A value of a free table comes without its key, as [...]: the table is all there is.
+    path = location.removesuffix("`").removeprefix(".").partition("[...]")[0]
     if isinstance(error.__cause__, InputError):
         cause = error.__cause__
-        inner = f"{path}.{cause.where}" if path else cause.where
-        return InputError(f"{where}: {inner}", cause.what, cause.expected)
+        return InputError(f"{where}: {_join(path, cause.where)}", cause.what, cause.expected)
+    value, expected_type = _descend(raw, type_, path)
     if match := _UNKNOWN_FIELD.match(text):
         key = match["key"]
-        known = _keys_at(type_, path)
+        known = _keys(expected_type)
         near = difflib.get_close_matches(key, known, n=1)
         expected = f"'{near[0]}'" if near else ("one of " + ", ".join(known) if known else "")
         return InputError(f"{where}: {_join(path, key)}", "unknown key", expected)
     if match := _MISSING_FIELD.match(text):
         return InputError(f"{where}: {_join(path, match['key'])}", "missing", "this key")
     full = f"{where}: {path}" if path else where
-    if match := _EXPECTED_GOT.match(text):
-        return InputError(full, f"found {_words(match['got'])}", _words(match["expected"]))
-    return InputError(full, _one_line(text))
+    match = _EXPECTED.match(text)
+    if "[...]" in location or value is _NOTHING:
+        if match is None or match["got"] is None:
+            return InputError(full, _one_line(text))
+        return InputError(full, f"found {_words(match['got'])}", _words(match["type"]))
+    found = f"found {_shown(value)}"
+    if match is not None:
+        return InputError(full, found, f"{_words(match['type'])}{match['bound'] or ''}")
+    if choices := _choices(expected_type):
+        number = " or a number" if _has_number(expected_type) else ""
+        return InputError(full, found, "one of " + ", ".join(choices) + number)
+    return InputError(full, found if isinstance(value, str) else _one_line(text))
 
 
 def _join(path: str, key: str) -> str:
@@ -195,16 +208,38 @@ def _words(types_: str) -> str:
     return " or ".join(name for name in names if name != "nothing")
 
 
+def _shown(value: Any) -> str:
+    if isinstance(value, dict | list):
+        return _WORDS["object" if isinstance(value, dict) else "array"]
+    if isinstance(value, bool):
+        return str(value).lower()
+    text = f"'{_one_line(value)}'" if isinstance(value, str) else str(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
 def _one_line(text: object) -> str:
     return " ".join(str(text).split())
 
 
-def _keys_at(type_: Any, path: str) -> list[str]:
-    """Keys of the struct that lies at ``path`` below ``type_``; [] when there is no single one."""
-    for name in re.findall(r"[^.\[\]]+", path):
-        if not name.isdigit() and (struct := _struct_in(type_)) is not None:
-            fields = {field.encode_name: field.type for field in msgspec.structs.fields(struct)}
+def _descend(raw: Any, type_: Any, path: str) -> tuple[Any, Any]:
+    """Value and type at a key path; a value of ``_NOTHING`` or a type of None: not to be had."""
+    for name, index in _STEP.findall(path):
+        if name:
+            raw = raw.get(name, _NOTHING) if isinstance(raw, dict) else _NOTHING
+            struct = _struct_in(type_)
+            fields = (
+                {}
+                if struct is None
+                else {field.encode_name: field.type for field in msgspec.structs.fields(struct)}
+            )
             type_ = fields.get(name)
+        else:
+            inside = isinstance(raw, list) and int(index) < len(raw)
+            raw = raw[int(index)] if inside else _NOTHING
+    return raw, type_
+
+
+def _keys(type_: Any) -> list[str]:
     struct = _struct_in(type_)
     return [] if struct is None else [f.encode_name for f in msgspec.structs.fields(struct)]
 
@@ -213,7 +248,16 @@ def _struct_in(type_: Any) -> Any:
     """The one struct type inside ``X``, ``X | None``, ``tuple[X, ...]`` or ``list[X]``."""
     if isinstance(type_, type) and issubclass(type_, msgspec.Struct):
         return type_
-    if isinstance(type_, types.UnionType) or typing.get_origin(type_) is not None:
-        found = [s for arg in typing.get_args(type_) if (s := _struct_in(arg)) is not None]
-        return found[0] if len(found) == 1 else None
-    return None
+    found = [s for arg in typing.get_args(type_) if (s := _struct_in(arg)) is not None]
+    return found[0] if len(found) == 1 else None
+
+
+def _choices(type_: Any) -> list[str]:
+    """Values that the ``Literal`` parts of a type allow."""
+    if typing.get_origin(type_) is typing.Literal:
+        return [str(value) for value in typing.get_args(type_)]
+    return [choice for arg in typing.get_args(type_) for choice in _choices(arg)]
+
+
+def _has_number(type_: Any) -> bool:
+    return type_ in (int, float) or any(_has_number(arg) for arg in typing.get_args(type_))

@@ -44,9 +44,7 @@ class LinkFrames:
             order.extend(child for child, joint in joints.items() if joint.parent == parent)
         self.links = tuple((joints[child].parent, child) for child in order[1:])
         self.fixed = tuple(joints[child].name not in robot.joints for child in order[1:])
-        self._ids = tuple(
-            (self._frame(parent), self._frame(child)) for parent, child in self.links
-        )
+        self._ids = tuple((self._frame(parent), self._frame(child)) for parent, child in self.links)
 
     def transforms(self, q: Array) -> list[LinkTransform]:
         """Transforms at q (n,), rad, one per joint of the URDF."""

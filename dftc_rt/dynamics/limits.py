@@ -107,9 +107,7 @@ def joint_limits(model: Any, urdf: Urdf) -> JointLimits:
         lower=np.where(unlimited | (lower < -UNLIMITED_POSITION), -np.inf, lower),
         upper=np.where(unlimited | (upper > UNLIMITED_POSITION), np.inf, upper),
         velocity=np.where(velocity > 0.0, velocity, np.inf),
-        torque=np.where(
-            no_torque, np.where(prismatic, ASSUMED_FORCE_N, ASSUMED_TORQUE_NM), torque
-        ),
+        torque=np.where(no_torque, np.where(prismatic, ASSUMED_FORCE_N, ASSUMED_TORQUE_NM), torque),
         torque_assumed=no_torque,
         continuous=continuous,
         prismatic=prismatic,

@@ -21,6 +21,7 @@ from dftc_rt.errors import InputError
 
 Array = npt.NDArray[np.float64]
 
+
 @dataclass(frozen=True, eq=False)
 class Robot:
     """A fixed-base robot of n scalar joints. Arrays are read-only.

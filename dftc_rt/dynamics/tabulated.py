@@ -38,7 +38,7 @@ class TableError(NamedTuple):
     bias: Array
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def evaluate_row(
     table: Array, k: int, q: Array, v: Array, inertia: Array, bias: Array
 ) -> None:  # pragma: no cover  (compiled)

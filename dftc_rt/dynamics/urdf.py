@@ -115,7 +115,7 @@ def parse_model(urdf: Urdf) -> Any:
     with _captured_stderr() as chatter:
         try:
             model = pin.buildModelFromXML(urdf.xml)
-        except Exception as error:  # noqa: BLE001  (Boost.Python: any C++ exception)
+        except Exception as error:  # Boost.Python hands on any C++ exception
             model, reason = None, " ".join(str(error).split())
     if model is not None:
         return model
