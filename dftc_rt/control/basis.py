@@ -60,7 +60,7 @@ def _line(low: float, high: float, count: int) -> F64:
     return np.linspace(low, high, count) if count > 1 else np.array([0.5 * (low + high)])
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def gaussian(
     x1: float, x2: float, centres: F64, inv_width1: float, inv_width2: float, out: F64
 ) -> None:
@@ -82,7 +82,7 @@ def gaussian(
         out[j] = math.exp(-0.5 * (d1 * d1 + d2 * d2))
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def network(weights: F64, sigma: F64) -> float:
     """Ŵᵀσ.
 
@@ -98,7 +98,7 @@ def network(weights: F64, sigma: F64) -> float:
     return total
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def adapt(weights: F64, sigma: F64, drive: float, leak: float, bound: float, period: float) -> None:
     """One explicit step of Ŵ̇ = drive σ - leak Ŵ, projected to |Ŵ_k| ≤ bound.
 

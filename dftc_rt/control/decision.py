@@ -15,9 +15,9 @@ from dftc_rt.control.signals import ACTUATOR_LOSS, ANOMALY, HEALTHY, NOT_OBSERVA
 _CACHE = {"cache": True, "fastmath": False}
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def log_likelihood_ratio(phi: float, y: float, rho: float, variance: float) -> float:
-    """ln p(y | ρ)/p(y | 1) = ((y - φ)² - (y - ρ φ)²)/(2 R), dimensionless.
+    """Log-likelihood ratio ln p(y | ρ)/p(y | 1) = ((y - φ)² - (y - ρ φ)²)/(2 R), dimensionless.
 
     Args:
         phi: Regressor φ, Nm.
@@ -30,7 +30,7 @@ def log_likelihood_ratio(phi: float, y: float, rho: float, variance: float) -> f
     return (healthy * healthy - other * other) / (2.0 * variance)
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def cusum(total: float, ratio: float, top: float) -> float:
     """One step of Page's cumulative sum, kept in [0, top].
 
@@ -42,13 +42,13 @@ def cusum(total: float, ratio: float, top: float) -> float:
     return min(max(total + ratio, 0.0), top)
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def clearing(elapsed: float, rho_hat: float, rho_clear: float, period: float) -> float:
     """Time for which ρ̂ has stayed at or above ``rho_clear``, s."""
     return elapsed + period if rho_hat >= rho_clear else 0.0
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def verdict(
     before: float,
     loss: float,

@@ -11,7 +11,7 @@ ATTRIBUTED = 0
 ALWAYS = 1
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def target(rho_hat: float, rho_min: float) -> float:
     """1/clip(ρ̂, ρ_min, 1), dimensionless.
 
@@ -20,7 +20,7 @@ def target(rho_hat: float, rho_min: float) -> float:
     return 1.0 / min(max(rho_hat, rho_min), 1.0)
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def follow(gain: float, wanted: float, rate: float, period: float) -> float:
     """Move the gain towards the wanted one by at most ``rate * period``.
 
@@ -34,7 +34,7 @@ def follow(gain: float, wanted: float, rate: float, period: float) -> float:
     return gain + min(max(wanted - gain, -step), step)
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def command(u: float, gain: float, counts: float, resolution: float, limit: float) -> float:
     """Torque as the drive is told: gain u, saturated at ±limit and rounded to its steps, Nm.
 

@@ -14,7 +14,7 @@ ADAPT = 1
 FROZEN = 2
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def correction(delta_o: float, big_e: float, sgn: float, l2: float, e2o: float) -> float:
     """δ̂_o sgn(e_2o) E + l_2 e_2o, rad/s²: the terms that force x̂_2 onto x_2.
 
@@ -30,7 +30,7 @@ def correction(delta_o: float, big_e: float, sgn: float, l2: float, e2o: float) 
     return delta_o * sgn * big_e + l2 * e2o
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def rate1(x2o: float, l1: float, e1o: float) -> float:
     """x̂̇_1 = x̂_2 + l_1 e_1o, rad/s.
 
@@ -39,7 +39,7 @@ def rate1(x2o: float, l1: float, e1o: float) -> float:
     return x2o + l1 * e1o
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def rate2(f_o: float, g_o: float, u: float, corr: float) -> float:
     """x̂̇_2 = f̂_o + ĝ_o u + correction, rad/s².
 

@@ -12,7 +12,7 @@ from typing import Any
 from numba import njit
 
 from dftc_rt.control import basis, decision, gain, identifier, law, layout, observer
-from dftc_rt.control.interface import NONFINITE_INPUT, NONFINITE_LAW, F64
+from dftc_rt.control.interface import F64, NONFINITE_INPUT, NONFINITE_LAW
 from dftc_rt.control.layout import W_F, W_FO, W_G, W_GO
 from dftc_rt.control.signals import (
     ACTUATOR_LOSS,
@@ -41,16 +41,17 @@ _network = basis.network
 _adapt = basis.adapt
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def drive_torque(p: Any, x: Any, history: F64) -> float:
     """Mean torque that a healthy drive delivered over the last interval, Nm; moves its lag on."""
     length = history.shape[0]
     u = history[(x.cycle - 1 - p.delay) % length]
+    mean: float
     mean, x.applied = observer.lagged(x.applied, u, p.lag_mean, p.lag_decay)
     return mean
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def models(p: Any, inertia: float, bias: float, wf: float, wg: float) -> tuple[float, float]:
     """f̂ and ĝ from the split and the RBF outputs, or from the latter alone (printed form)."""
     if p.model == _SPLIT:
@@ -61,11 +62,12 @@ def models(p: Any, inertia: float, bias: float, wf: float, wg: float) -> tuple[f
     return wf, min(max(wg, p.g_min), p.g_max)
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def identify(
     p: Any, x: Any, weights: F64, sigma: F64, q: float, v: float, f_o: float, g_o: float, u: float
 ) -> float:
     """Step the identifier (18), (21)-(23) over the last interval; returns its correction."""
+    corr: float
     e1o = q - x.x1o
     e2o = v - x.x2o
     big_e = law.interconnection_bound(e2o, p.s_bound)
@@ -82,7 +84,7 @@ def identify(
     return corr
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def observe_printed(
     p: Any, x: Any, q: float, v: float, f_o: float, g_o: float, u: float, corr: float, e1o: float
 ) -> None:
@@ -97,7 +99,7 @@ def observe_printed(
     x.rho = min(max(x.rho + h * rho_rate, 0.0), observer.RHO_TOP)
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def observe(
     p: Any, x: Any, v: float, acc_d: float, inertia: float, bias: float, scale: float, fresh: bool
 ) -> bool:
@@ -158,7 +160,7 @@ def observe(
     return True
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def decide(p: Any, x: Any, observable: bool) -> None:
     """Verdict, and the sums that start anew when an actuator loss begins or ends."""
     before = x.verdict
@@ -173,7 +175,7 @@ def decide(p: Any, x: Any, observable: bool) -> None:
             x.excess = 0.0
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def amplify(p: Any, x: Any) -> None:
     """Move the gain (33)."""
     wanted = 1.0
@@ -182,7 +184,7 @@ def amplify(p: Any, x: Any) -> None:
     x.gain = gain.follow(x.gain, wanted, p.gain_rate, p.period)
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def silence(i: int, rec: F64, x: Any, history: F64) -> None:
     """Command 0 Nm and hold the estimate: what a joint does whose numbers are not finite."""
     history[x.cycle % history.shape[0]] = 0.0
@@ -197,7 +199,7 @@ def silence(i: int, rec: F64, x: Any, history: F64) -> None:
     rec[RESIDUAL, i] = math.nan
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def joint(
     i: int, rec: F64, m: float, b: float, p: Any, x: Any, w: F64, c: F64, sigma: F64, history: F64
 ) -> int:
@@ -282,7 +284,7 @@ def build_kernel(revision: int) -> Callable[..., int]:
         revision: Checksum of the sources, from :func:`dftc_rt.control.layout.revision`.
     """
 
-    @njit(**_CACHE)  # type: ignore[untyped-decorator]
+    @njit(**_CACHE)
     def cycle(
         rec: F64, m: F64, b: F64, par: Any, st: Any, w: F64, c: F64, sigma: F64, history: F64
     ) -> int:
@@ -291,7 +293,8 @@ def build_kernel(revision: int) -> Callable[..., int]:
             status |= joint(i, rec, m[i], b[i], par[i], st[i], w[i], c[i], sigma, history[i])
         return status
 
-    return cycle  # type: ignore[no-any-return]
+    kernel: Callable[..., int] = cycle
+    return kernel
 
 
 CYCLE = build_kernel(layout.revision())

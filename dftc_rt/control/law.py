@@ -15,9 +15,9 @@ SAT = 0
 TANH = 1
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def sliding(lam: float, e1: float, e2: float) -> float:
-    """s = λ e + ė, rad/s.
+    """Sliding variable s = λ e + ė, rad/s.
 
     Args:
         lam: λ, 1/s.
@@ -29,7 +29,7 @@ def sliding(lam: float, e1: float, e2: float) -> float:
     return lam * e1 + e2
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def interconnection_bound(s: float, bound: float) -> float:
     """S = 1 + |s| + s², at most ``bound``; also E of the identifier with s = e_2o.
 
@@ -38,7 +38,7 @@ def interconnection_bound(s: float, bound: float) -> float:
     return min(1.0 + abs(s) + s * s, bound)
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def switching(s: float, layer: float, shape: int) -> float:
     """sgn(s), or its boundary layer: sat(s/layer) (shape 0) or tanh(s/layer) (shape 1).
 
@@ -54,13 +54,13 @@ def switching(s: float, layer: float, shape: int) -> float:
     return min(max(s / layer, -1.0), 1.0)
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def magnitude(s: float, dead_zone: float) -> float:
     """|s| beyond a dead zone of the stated half-width, rad/s: max(|s| - dead_zone, 0)."""
     return max(abs(s) - dead_zone, 0.0)
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def torque(
     k: float,
     lam: float,
@@ -71,7 +71,7 @@ def torque(
     g_hat: float,
     robust: float,
 ) -> float:
-    """u = -(k s + f̂ + robust - q̈_d + λ ė)/ĝ, Nm.
+    """Law u = -(k s + f̂ + robust - q̈_d + λ ė)/ĝ, Nm.
 
     Args:
         k: Feedback gain, 1/s.
@@ -88,7 +88,7 @@ def torque(
     return -(k * s + f_hat + robust - acc_d + lam * e2) / g_hat
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def robust_term(delta: float, xi: float, big_s: float, sgn: float) -> float:
     """(δ̂ S + ξ̂) sgn(s), rad/s².
 
@@ -97,7 +97,7 @@ def robust_term(delta: float, xi: float, big_s: float, sgn: float) -> float:
     return (delta * big_s + xi) * sgn
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def bound_step(value: float, drive: float, leak: float, bound: float, period: float) -> float:
     """One explicit step of ẇ = drive - leak w, projected to [0, bound].
 
@@ -116,7 +116,7 @@ def bound_step(value: float, drive: float, leak: float, bound: float, period: fl
     return min(max(value + period * (drive - leak * value), 0.0), bound)
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def drift(inertia: float, bias: float, correction: float) -> float:
     """f̂ = -bias/M + Ŵᵀσ, rad/s²; the split of (36) plus the RBF correction.
 
@@ -125,7 +125,7 @@ def drift(inertia: float, bias: float, correction: float) -> float:
     return -bias / inertia + correction
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def input_gain(inertia: float, correction: float, g_min: float, g_max: float) -> float:
     """ĝ = clip(1 + Ŵᵀσ, g_min, g_max)/M, 1/(kg m²); never zero when g_min > 0.
 

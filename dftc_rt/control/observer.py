@@ -23,7 +23,7 @@ RHO_TOP = 1.2
 """Largest ρ̂ kept inside."""
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def lagged(applied: float, u: float, mean_weight: float, decay: float) -> tuple[float, float]:
     """Drive torque over one period under the command u, first-order lag T.
 
@@ -40,9 +40,9 @@ def lagged(applied: float, u: float, mean_weight: float, decay: float) -> tuple[
     return u + gap * mean_weight, u + gap * decay
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def required(inertia: float, dv: float, elapsed: float, bias: float) -> float:
-    """y = M Δv/Δt + bias, Nm: the torque that explains the motion of the last interval.
+    """Torque that explains the motion of the last interval: y = M Δv/Δt + bias, Nm.
 
     With M and bias at the middle of the interval this is Δ(M v)/Δt - Ṁ v + bias, the momentum
     form, without computing Ṁ.
@@ -58,7 +58,7 @@ def required(inertia: float, dv: float, elapsed: float, bias: float) -> float:
     return inertia * dv / elapsed + bias
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def residual_variance(
     floor: float,
     noise: float,
@@ -99,7 +99,7 @@ def residual_variance(
     return floor * floor + a * a + b * b + c * c + d * d + f * f
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def kalman(
     rho: float,
     aux: float,
@@ -130,7 +130,7 @@ def kalman(
     return min(max(rho, 0.0), RHO_TOP), max(aux * (1.0 - gain * phi), 0.0)
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def predict(var: float, walk: float, period: float, top: float) -> float:
     """Time update of the variance: P + walk² h, at most ``top``.
 
@@ -143,7 +143,7 @@ def predict(var: float, walk: float, period: float, top: float) -> float:
     return min(var + walk * walk * period, top)
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def gradient(
     rho: float,
     aux: float,
@@ -180,7 +180,7 @@ def gradient(
     return min(max(rho, 0.0), RHO_TOP), aux
 
 
-@njit(**_CACHE)  # type: ignore[untyped-decorator]
+@njit(**_CACHE)
 def printed_rates(
     rho: float,
     e2f: float,

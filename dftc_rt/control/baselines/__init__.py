@@ -1,0 +1,1 @@
+"""Laws to compare with, one file each."""

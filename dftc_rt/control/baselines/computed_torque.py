@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from dftc_rt.control import settings
-from dftc_rt.control.interface import NONFINITE_INPUT, NONFINITE_LAW, F64
+from dftc_rt.control.interface import F64, NONFINITE_INPUT, NONFINITE_LAW
 from dftc_rt.control.layout import Joints
 from dftc_rt.control.settings import Value
 from dftc_rt.control.signals import (
