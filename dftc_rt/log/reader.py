@@ -95,6 +95,7 @@ class _Content:
         joints, signals = cycle
         rig = self._signals(where, "/rig")
         events = [Event(*decode_event(raw)) for raw in self._payloads("/events")]
+        limits = self.metadata.get("dftc_rt", {}).get("torque_limit_nm")
         return Run(
             joints,
             signals,
@@ -102,6 +103,7 @@ class _Content:
             tuple(sorted(events, key=lambda event: event.t)),
             self.attachments.get("scenario.toml", b"").decode(),
             self.attachments.get("robot.urdf", b"").decode(),
+            tuple(json.loads(limits)) if limits else None,
             self.metadata,
         )
 

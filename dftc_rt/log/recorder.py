@@ -7,10 +7,8 @@ because the SDK logs a failed write and goes on, where a recorder must stop and 
 
 from __future__ import annotations
 
-import errno
 import json
-import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Self, cast
 
@@ -19,8 +17,9 @@ import numpy as np
 from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 from numpy.typing import NDArray
 
-from dftc_rt.errors import EnvironmentLacksError, LogError
+from dftc_rt.errors import LogError
 from dftc_rt.log import cdr
+from dftc_rt.log.file import LogFile
 from dftc_rt.log.schema import CDR_HEADER, Layout
 
 if TYPE_CHECKING:
@@ -54,6 +53,7 @@ class Recorder:
         scenario: str = "",
         urdf: str = "",
         versions: Mapping[str, str] | None = None,
+        torque_limit: Sequence[float] | NDArray[np.float64] | None = None,
         epoch_ns: int = 0,
         link_frames: LinkFrames | None = None,
         overwrite: bool = True,
@@ -67,6 +67,8 @@ class Recorder:
             scenario: Resolved scenario, TOML: attachment ``scenario.toml``.
             urdf: Attachment ``robot.urdf`` and topic ``/robot_description``.
             versions: Metadata ``versions``: package → version.
+            torque_limit: What commands are held to, n of them, Nm: whoever counts
+                saturation needs it.
             epoch_ns: Unix time of t = 0, ns; 0 for a simulation.
             link_frames: Link poses for ``/tf``; without it there is no ``/tf``.
             overwrite: Replace a file of that name.
@@ -85,7 +87,7 @@ class Recorder:
         self.t = 0.0  # s, of the newest record
         self._next_view = -np.inf
         self._flushed = -np.inf
-        self._file = _File(self.path, "wb" if overwrite else "xb")
+        self._file = LogFile(self.path, "wb" if overwrite else "xb")
         self._context = foxglove.Context()
         self._mcap = foxglove.open_mcap(
             cast("BinaryIO", self._file),
@@ -98,6 +100,8 @@ class Recorder:
             ),
         )
         facts = {"joints": json.dumps(cycle.joints), "epoch_ns": str(epoch_ns)}
+        if torque_limit is not None:
+            facts["torque_limit_nm"] = json.dumps([float(limit) for limit in torque_limit])
         self._mcap.write_metadata("dftc_rt", facts)
         if versions:
             self._mcap.write_metadata("versions", dict(versions))
@@ -252,49 +256,3 @@ class Recorder:
         self._states.log(state, log_time=time)
         if self._link_frames is not None:
             self._tf.log(cdr.encode_tf(time, self._link_frames(row("q"))), log_time=time)
-
-
-class _File:
-    """Unbuffered file that keeps the first error for :meth:`check`."""
-
-    def __init__(self, path: Path, mode: str) -> None:
-        self._path = path
-        self._error: OSError | None = None
-        try:
-            self._raw = open(path, mode, buffering=0)  # noqa: SIM115 - closed by the recorder
-        except OSError as error:
-            raise self._explain(error) from None
-
-    @property
-    def closed(self) -> bool:
-        return bool(self._raw.closed)
-
-    def write(self, data: bytes) -> int:
-        rest = memoryview(data)
-        try:
-            while rest and self._error is None:
-                rest = rest[os.write(self._raw.fileno(), rest) :]
-        except OSError as error:
-            self._error = error
-        return len(data)
-
-    def seek(self, offset: int, whence: int = 0) -> int:
-        return int(self._raw.seek(offset, whence))
-
-    def flush(self) -> None:
-        """Nothing is buffered here."""
-
-    def close(self) -> None:
-        self._raw.close()
-
-    def check(self) -> None:
-        if self._error is not None:
-            raise self._explain(self._error) from None
-
-    def _explain(self, error: OSError) -> LogError | EnvironmentLacksError:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-            return EnvironmentLacksError(
-                f"no space left to write {self._path}",
-                "free some, or log elsewhere; what is written so far: dftc recover",
-            )
-        return LogError(str(self._path), f"cannot be written: {error.strerror}")

@@ -28,6 +28,7 @@ class Run:
         events: In order of time.
         scenario: Resolved scenario, TOML ("" when unknown).
         urdf: The robot ("" when unknown).
+        torque_limit: What commands are held to, n of them, Nm; None when unknown.
         metadata: Metadata records by name, e.g. ``versions``.
     """
 
@@ -37,6 +38,7 @@ class Run:
     events: tuple[Event, ...] = ()
     scenario: str = ""
     urdf: str = ""
+    torque_limit: tuple[float, ...] | None = None
     metadata: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     @classmethod
@@ -48,6 +50,7 @@ class Run:
         *,
         scenario: str = "",
         events: Sequence[Event] = (),
+        torque_limit: Sequence[float] | NDArray[np.float64] | None = None,
     ) -> Self:
         """A run from in-memory records, as the rings carry them.
 
@@ -57,12 +60,21 @@ class Run:
             rig: Records of ``/rig``, shape ``(K', rig_layout(joints).size)``.
             scenario: Resolved scenario, TOML.
             events: What happened.
+            torque_limit: Shape ``(n,)``, Nm.
 
         Raises:
             InputError: Records of another width than the layout's.
         """
         truth = None if rig is None else split(rig_layout(layout.joints), rig)
-        return cls(layout.joints, split(layout, cycle), truth, tuple(events), scenario)
+        limit = None if torque_limit is None else tuple(float(x) for x in torque_limit)
+        return cls(
+            layout.joints,
+            split(layout, cycle),
+            truth,
+            tuple(events),
+            scenario,
+            torque_limit=limit,
+        )
 
 
 def split(layout: Layout, records: NDArray[np.float64]) -> Signals:
