@@ -98,7 +98,7 @@ class TabulatedTerms:
         qd, vd, ad = (np.ascontiguousarray(x, dtype=np.float64) for x in (qd, vd, ad))
         shape = (len(qd), robot.n)
         if not len(qd) or any(x.shape != shape for x in (qd, vd, ad)):
-            found = f"shapes {qd.shape}, {vd.shape}, {ad.shape}"
+            found = f"found shapes {qd.shape}, {vd.shape}, {ad.shape}"
             raise InputError("reference", found, f"(K, {robot.n}) three times, K from 1")
         self.interconnection = interconnection
         self.inertia = np.zeros(robot.n)

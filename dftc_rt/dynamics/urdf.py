@@ -26,12 +26,13 @@ _MULTI_DOF = {
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A ``<joint>`` as written: its name, type, links, and the joint that it mimics ("")."""
+    """A ``<joint>`` as written: name, type, links, axis, and the joint that it mimics ("")."""
 
     name: str
     type: str
     parent: str
     child: str
+    axis: str
     mimics: str
 
 
@@ -101,6 +102,8 @@ def read_urdf(path: Path) -> Urdf:
         if joint.type not in (*MOVABLE, "fixed"):
             what = f"joint '{joint.name}' is of type '{joint.type}'"
             raise InputError(where, what, "revolute, continuous, prismatic or fixed")
+        if joint.type in MOVABLE and not joint.axis.replace(".", "0").strip("0 +-\t\n"):
+            raise InputError(where, f"joint '{joint.name}' has no axis", "an axis that is not 0")
     if not any(joint.type in MOVABLE for joint in joints):
         raise InputError(where, "no joint that can move", "a robot with at least one")
     return Urdf(path, xml, joints)
@@ -110,18 +113,25 @@ def parse_model(urdf: Urdf) -> Any:
     """Build the Pinocchio model of the whole URDF, the base fixed to the world.
 
     Raises:
-        InputError: The parser refuses it; the reason is the parser's own.
+        InputError: The parser refuses it, or complains and goes on without the part that it
+            does not understand (an inertia, say); the reason is the parser's own.
     """
+    reason = ""
     with _captured_stderr() as chatter:
         try:
             model = pin.buildModelFromXML(urdf.xml)
         except Exception as error:  # Boost.Python hands on any C++ exception
-            model, reason = None, " ".join(str(error).split())
-    if model is not None:
-        return model
-    first = re.search(r"Error:\s*(.+)", "".join(chatter))
-    detail = first[1].strip() if first else reason
-    raise InputError(str(urdf.path), f"refused by the URDF parser: {detail}", "a valid URDF")
+            reason = " ".join(str(error).split())
+    complaint = re.search(r"Error:\s*(.+)", "".join(chatter))
+    if complaint:
+        reason = complaint[1].strip()
+    if reason:
+        raise InputError(str(urdf.path), f"refused by the URDF parser: {reason}", "a valid URDF")
+    for name, inertia in zip(tuple(model.names)[1:], tuple(model.inertias)[1:], strict=True):
+        if inertia.mass < 0.0:
+            found = f"the link behind joint '{name}' has mass {inertia.mass:g}"
+            raise InputError(str(urdf.path), found, "0 or more")
+    return model
 
 
 def package_dirs(urdf: Urdf) -> tuple[Path, ...]:
@@ -136,12 +146,13 @@ def package_dirs(urdf: Urdf) -> tuple[Path, ...]:
 
 
 def _joint(element: ET.Element) -> UrdfJoint:
-    mimic = element.find("mimic")
+    mimic, axis = element.find("mimic"), element.find("axis")
     return UrdfJoint(
         name=element.get("name", ""),
         type=element.get("type", ""),
         parent=_link(element, "parent"),
         child=_link(element, "child"),
+        axis="1 0 0" if axis is None else axis.get("xyz", "1 0 0"),
         mimics="" if mimic is None else mimic.get("joint", "?"),
     )
 

@@ -83,14 +83,18 @@ def test_every_folder_of_robots_is_listed_and_loads():
         assert path == robots_dir() / name / "robot.toml"
 
 
-@pytest.mark.parametrize("name", ["../robots/panda", "panda/", "", ".", "a/../panda", "/etc", "p\0"])
+@pytest.mark.parametrize(
+    "name", ["../robots/panda", "panda/", "", ".", "a/../panda", "/etc", "p\0"]
+)
 def test_a_name_is_no_path(name):
     with pytest.raises(InputError, match="is no robot name"):
         load_robot_config(name)
 
 
 def test_an_unknown_name_lists_the_known_ones():
-    with pytest.raises(MissingFileError, match="no robot 'pandas' .*arm2, panda, ur10, ur5, xarm7"):
+    with pytest.raises(
+        MissingFileError, match=r"no robot 'pandas' .*arm2, panda, ur10, ur5, xarm7"
+    ):
         load_robot_config("pandas")
 
 

@@ -38,9 +38,7 @@ def test_a_file_becomes_a_struct(tmp_path):
     path = tmp_path / "f.toml"
     path.write_text('name = "a"\n[table]\ngain = [1, 2.5]\n[[table.entry]]\nkind = "loss"\n')
     config = toml.load(path, Config)
-    assert config == Config(
-        name="a", table=Table(gain=(1.0, 2.5), entry=(Entry(kind="loss"),))
-    )
+    assert config == Config(name="a", table=Table(gain=(1.0, 2.5), entry=(Entry(kind="loss"),)))
 
 
 @pytest.mark.parametrize(
