@@ -21,6 +21,7 @@ from dftc_rt.errors import BusError
 
 MSG_DONTWAIT: Final = 0x40
 MSG_NOSIGNAL: Final = 0x4000
+MSG_TRUNC: Final = 0x20  # tell the whole length of a record that did not fit its row
 BATCH_LIMIT: Final = 1024  # UIO_MAXIOV: the kernel takes no more messages in one call
 
 _KEPT_BUFFERS: Final = 8
@@ -153,7 +154,7 @@ class FrameBatcher:
         """
         known = self._by_identity.get(id(frames))
         headers = known[1] if known is not None else self._find(frames)
-        count: int = _recvmmsg(fd, headers.address, len(frames), MSG_DONTWAIT, None)
+        count: int = _recvmmsg(fd, headers.address, len(frames), MSG_DONTWAIT | MSG_TRUNC, None)
         if count < 0:
             code = ctypes.get_errno()
             if code == errno.EAGAIN:
@@ -163,7 +164,7 @@ class FrameBatcher:
             if code == errno.ECONNRESET:
                 # The peer closed with records unread. The error is cleared by having
                 # been told; what the peer sent before is still there to be received.
-                count = _recvmmsg(fd, headers.address, len(frames), MSG_DONTWAIT, None)
+                count = _recvmmsg(fd, headers.address, len(frames), MSG_DONTWAIT | MSG_TRUNC, None)
             if count < 0:
                 raise BusError(self._name, _gone(code))
         whole: int = _first_of_other_length(headers.lengths, count, headers.frame_size)

@@ -7,12 +7,13 @@ This opens whatever interface it is told, a live one included; that is for
 from __future__ import annotations
 
 import errno
+import os
 import socket
 import struct
 from collections.abc import Sequence
 from typing import Final
 
-from dftc_rt.bus.frame import Frames
+from dftc_rt.bus.frame import ERR_FLAG, Frames
 from dftc_rt.bus.mmsg import FrameBatcher
 from dftc_rt.errors import BusError, EnvironmentLacksError
 
@@ -43,6 +44,7 @@ class SocketCanSocket:
             interface: Network interface.
             filters: (identifier, mask) pairs, flags included, of which a received frame
                 must match one (the kernel filters); None receives every frame.
+                Error frames are never received.
 
         Raises:
             EnvironmentLacksError: The kernel has no AF_CAN, or refuses it.
@@ -62,9 +64,14 @@ class SocketCanSocket:
             raw.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_RECV_OWN_MSGS, 0)
             raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
             if filters is not None:
-                packed = b"".join(_FILTER.pack(can_id, mask) for can_id, mask in filters)
+                packed = b"".join(
+                    _FILTER.pack(can_id, mask & ~ERR_FLAG) for can_id, mask in filters
+                )
                 raw.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, packed)
             raw.bind((interface,))
+            # Binding to an interface that is down succeeds and leaves the error behind.
+            if code := raw.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
+                raise OSError(code, os.strerror(code))
         except OSError as error:
             raw.close()
             raise BusError(name, _refusal(interface, error)) from error

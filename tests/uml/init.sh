@@ -47,7 +47,9 @@ for link in vcan0 vcan1 vcan2; do
 done
 
 cd "$root" || fail "no $root"
-xargs -0 "$python" -m pytest -m vcan -p no:cacheprovider <"$job/arguments"
-code=$?
-# xargs reports 123 for any failure of the command it ran
-finish "$code"
+"$python" -c '
+import os, sys
+arguments = open(sys.argv[1], "rb").read().split(b"\0")[:-1]
+os.execv(sys.executable, [sys.executable, "-m", "pytest", "-m", "vcan", *arguments])
+' "$job/arguments"
+finish $?

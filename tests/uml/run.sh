@@ -30,7 +30,10 @@ job=$(mktemp -d "${TMPDIR:-/var/tmp}/dftc-uml.XXXXXX")
 trap 'rm -rf "$job"' EXIT
 trap 'exit 130' INT TERM
 [ $# -gt 0 ] || set -- tests
-printf '%s\0' "$@" >"$job/arguments"
+# The console inside always is a terminal; whether ours is one decides about colour.
+colour=no
+[ ! -t 1 ] || colour=yes
+printf '%s\0' -p no:cacheprovider "--color=$colour" "$@" >"$job/arguments"
 printf '%s\n' "$root" >"$job/root"
 printf '%s\n' "$python" >"$job/python"
 
