@@ -212,6 +212,10 @@ class Rig:
         """How long to wait for a SYNC before :meth:`idle_wall`, s."""
         return 2.0 * self._period if self.steps else 0.1
 
+    def overdue(self, now: int) -> bool:
+        """Return whether the last step was so long ago that time must pass without SYNC."""
+        return self.steps > 0 and now - self._last_step >= 2.0 * self._period * NS
+
     def _step_wall(self, now: int) -> None:
         if not self.steps:
             self._origin = now

@@ -15,9 +15,13 @@ from dftc_rt.bus.barrier import find_barrier
 from dftc_rt.bus.frame import BARRIER_ID, Frames, frame_buffer, unpack
 from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.bus.wait import Waiter
-from dftc_rt.drives.cia402 import codec
+from dftc_rt.drives.cia402 import codec, states
 from dftc_rt.drives.cia402.objects import MASTER_NODE_ID, OPERATIONAL, SYNC_COUNTER_OVERFLOW
-from dftc_rt.drives.cia402.states import CW_ENABLE_OPERATION, CW_QUICK_STOP, CW_SHUTDOWN
+from dftc_rt.drives.cia402.states import (
+    CW_DISABLE_VOLTAGE,
+    CW_ENABLE_OPERATION,
+    CW_QUICK_STOP,
+)
 from dftc_rt.drives.scale import ScaleTable, quantise_torque
 from dftc_rt.errors import BusError
 from dftc_rt.rt.clock import NS, Clock
@@ -26,18 +30,15 @@ F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
 _CAPACITY: Final = 256
-_FEEDBACK_BIT: Final = 1 << codec.KIND_FEEDBACK
-_STATE_MASK: Final = 0x6F  # statusword bits that spell the state
-_ENABLED: Final = 0x27
-_QUICK_STOP_ACTIVE: Final = 0x07
-_LOCKSTEP_PATIENCE_S: Final = 3600.0  # a rig that dies closes the bus; this ends a deadlock
+_LOCKSTEP_PATIENCE_S: Final = 1.0  # between looks; a rig that dies closes the bus
+_LIVE: Final = (states.OPERATION_ENABLED, states.QUICK_STOP_ACTIVE)
 
 
 class Phase(IntEnum):
     """What the drives are told besides the torque."""
 
     ENABLE = CW_ENABLE_OPERATION
-    DISABLE = CW_SHUTDOWN
+    DISABLE = CW_DISABLE_VOLTAGE
     QUICK_STOP = CW_QUICK_STOP
 
 
@@ -81,9 +82,8 @@ class DriveLink:
         q: Measured position, (n,), rad.
         v: Measured velocity, (n,), rad/s.
         age: Age of the measurement, (n,), cycles; 0 when it came this cycle.
-        statusword: (n,), int64.
+        status: (n,), int64.
         torque_actual: What the drives report, (n,), Nm; it does not know a loss.
-        tau: Torque to send, (n,), Nm; written by the executor.
         sent: Torque as sent, after limiting and quantisation, (n,), Nm.
         phase: What the drives are told besides the torque.
         missed: Answers that did not come in time, over all joints and cycles.
@@ -126,9 +126,9 @@ class DriveLink:
         self._heartbeat_cycles = max(round(0.05 / period_s), 1)
         self.q, self.v = self._values[codec.F_Q], self._values[codec.F_V]
         self.torque_actual = self._values[codec.F_TORQUE]
-        self.statusword = self._words[codec.W_STATUS]
+        self.status = self._words[codec.W_STATUS]
         self.age = np.zeros(n)
-        self.tau, self.sent = np.zeros(n), np.zeros(n)
+        self.sent = np.zeros(n)
         self._counts = np.zeros(n, dtype=np.int64)
         self._controlword = np.zeros(n, dtype=np.int64)
         self.phase = Phase.ENABLE
@@ -193,13 +193,16 @@ class DriveLink:
             self.missed += missing
         _age(words, self.age)
 
-    def command(self) -> None:
-        """Send ``tau`` and the controlword of the phase to every drive. Real-time safe.
+    def command(self, tau: F64) -> None:
+        """Send the torque and the controlword of the phase to every drive. Real-time safe.
+
+        Args:
+            tau: Torque, (n,), Nm; sent as zero unless the phase is to enable.
 
         Raises:
             BusError: A bus has gone away.
         """
-        quantise_torque(self.tau, self._scale, self._counts, self.sent)
+        quantise_torque(tau, self._scale, self._counts, self.sent)
         if self.phase is not Phase.ENABLE:
             self._counts[:] = 0
             self.sent[:] = 0.0
@@ -212,16 +215,18 @@ class DriveLink:
 
     def all_enabled(self) -> bool:
         """Return whether every drive says that its operation is enabled."""
-        return bool(np.all((self.statusword & _STATE_MASK) == _ENABLED))
+        return self.first_not_enabled() < 0
+
+    def first_not_enabled(self) -> int:
+        """Return the index of the first drive that is not enabled, -1 when all are."""
+        for i, status in enumerate(self.status.tolist()):
+            if states.state_of(status) != states.OPERATION_ENABLED:
+                return i
+        return -1
 
     def all_disabled(self) -> bool:
         """Return whether no drive says that it may still give torque."""
-        state = self.statusword & _STATE_MASK
-        return not bool(np.any((state == _ENABLED) | (state == _QUICK_STOP_ACTIVE)))
-
-    def first_not_enabled(self) -> int:
-        """Return the index of the first drive that is not enabled."""
-        return int(np.argmax((self.statusword & _STATE_MASK) != _ENABLED))
+        return all(states.state_of(status) not in _LIVE for status in self.status.tolist())
 
     # -- receiving ----------------------------------------------------------------------
 
@@ -247,7 +252,8 @@ class DriveLink:
                 code, register, _ = codec.decode_emcy(data)
                 node = can_id & 0x7F
                 self._event(
-                    bus.socket.name, f"emergency {code:#06x} (register {register:#04x}) of node {node}"
+                    bus.socket.name,
+                    f"emergency 0x{code:04X}, register 0x{register:02X}, node {node}",
                 )
 
     def _until_barrier(self, bus: _Bus) -> None:

@@ -40,11 +40,26 @@ class RecordSink(Protocol):
         ...
 
 
-class LocalTerms(Protocol):
-    """Local dynamics of every joint, exact or tabulated."""
+class ExactTerms(Protocol):
+    """Local dynamics of every joint at any state."""
 
     inertia: F64
     bias: F64
+
+    def update(self, q: F64, v: F64, qd: F64, vd: F64, ad: F64) -> None:
+        """Refresh ``inertia`` and ``bias``, (n,) each. Real-time safe."""
+        ...
+
+
+class TableTerms(Protocol):
+    """Local dynamics of every joint along the reference."""
+
+    inertia: F64
+    bias: F64
+
+    def update(self, k: int, q: F64, v: F64) -> None:
+        """Refresh ``inertia`` and ``bias`` for cycle ``k`` of the run. Real-time safe."""
+        ...
 
 
 EventFunction = Callable[[float, int, str, str], object]
@@ -97,9 +112,8 @@ class Executor:
         link: DriveLink,
         law: interface.Law,
         reference: Reference,
-        exact_terms: Callable[[F64, F64, F64, F64, F64], None],
-        terms: LocalTerms,
-        tabulate: Callable[[], Callable[[int, F64, F64], None]] | None,
+        exact: ExactTerms,
+        table: TableTerms | None,
         sink: RecordSink,
         event: EventFunction,
         stop_requested: Callable[[], bool],
@@ -111,13 +125,11 @@ class Executor:
             joints: Names, in order.
             torque_limit: (n,), Nm.
             clock: Real, lock-step or fake.
-            link: The drives, configured.
+            link: The drives, configured, their pose known.
             law: The control law.
-            reference: Desired motion.
-            exact_terms: ``update(q, v, qd, vd, ad)`` of the exact local terms.
-            terms: Where the local terms are found after an update.
-            tabulate: Builds the table along the reference once its start is known and
-                returns its ``update(k, q, v)``; None to use the exact terms throughout.
+            reference: Desired motion, blending in from the measured pose.
+            exact: Local terms, off the reference and where there is no table.
+            table: Local terms along the reference, or None to use the exact ones.
             sink: Takes one record a cycle.
             event: Takes events.
             stop_requested: Polled once a cycle: the operator wants a safe stop.
@@ -129,16 +141,14 @@ class Executor:
         self._link = link
         self._law = law
         self._reference = reference
-        self._exact = exact_terms
-        self._terms = terms
-        self._tabulate = tabulate
-        self._table: Callable[[int, F64, F64], None] | None = None
+        self._exact = exact
+        self._table = table
         self._sink = sink
         self._event = event
         self._stop_requested = stop_requested
-        self._supervisor = Supervisor(scenario.supervisor, torque_limit, 1 / scenario.executor.rate_hz)
         self._period_ns = round(NS / scenario.executor.rate_hz)
         self._period = 1.0 / scenario.executor.rate_hz
+        self._supervisor = Supervisor(scenario.supervisor, torque_limit, self._period)
         self._run_cycles = max(round(scenario.duration_s * scenario.executor.rate_hz), 1)
         self._ramp_s = scenario.supervisor.stop_ramp_s
         self._overrun = scenario.executor.overrun
@@ -171,7 +181,7 @@ class Executor:
             read_done = clock.now()
             self._update(k)
             computed = clock.now()
-            link.command()
+            link.command(self._rec[signals.TAU_CMD])
             self._rec[signals.TAU_CMD] = link.sent
             written = clock.now()
             counters.cycles += 1
@@ -182,14 +192,10 @@ class Executor:
         return self.outcome
 
     def _start(self) -> None:
-        """Take the measured pose, let the reference blend in from it, and warm up."""
+        """Start the law at the measured pose and begin to arm."""
         link, rec = self._link, self._rec
         rec[signals.Q], rec[signals.V] = link.q, link.v
-        self._reference.start(link.q)
-        if self._tabulate is not None:
-            self._table = self._tabulate()
         self._law.start(link.q, link.v)
-        self._reference.sample(0.0, self._desired)
         self._ramp_from[0] = link.q
         self._enter(State.ARM, 0, INFO, "arming")
 
@@ -228,17 +234,18 @@ class Executor:
             self._desired[1:] = 0.0
         else:
             stop_ramp(elapsed * self._period, self._ramp_s, self._ramp_from, self._desired)
+        terms: ExactTerms | TableTerms = self._exact
         if law.uses_local_terms:
             if self._table is not None and state <= State.RUN:
-                self._table(elapsed if state is State.RUN else 0, link.q, link.v)
+                terms = self._table
+                self._table.update(elapsed if state is State.RUN else 0, link.q, link.v)
             else:
-                self._exact(rec[signals.Q], rec[signals.V], *self._desired)
-        status = law.update(rec, self._terms.inertia, self._terms.bias)
-        violation, joint = self._supervisor.check(rec, link.statusword)
+                self._exact.update(link.q, link.v, *self._desired)
+        status = law.update(rec, terms.inertia, terms.bias)
+        violation, joint = self._supervisor.check(rec, link.status)
         if status and violation == sup.OK:
             violation, joint = sup.NOT_FINITE, 0
         self._transition(k, elapsed, violation, joint)
-        link.tau[:] = rec[signals.TAU_CMD]
 
     def _transition(self, k: int, elapsed: int, violation: int, joint: int) -> None:
         """Edges of the supervisor's graph."""

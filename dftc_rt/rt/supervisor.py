@@ -64,7 +64,7 @@ _STATUS_FAULT = 0x0008  # CiA 402 statusword, bit 3
 @numba.njit(cache=True)  # type: ignore[untyped-decorator]
 def _check(
     rec: F64,
-    statusword: NDArray[np.uint16],
+    statusword: NDArray[np.int64],
     saturated: NDArray[np.int64],
     torque_limit: F64,
     limits: F64,
@@ -114,7 +114,7 @@ class Supervisor:
             ]
         )
 
-    def check(self, rec: F64, statusword: NDArray[np.uint16]) -> tuple[int, int]:
+    def check(self, rec: F64, statusword: NDArray[np.int64]) -> tuple[int, int]:
         """Return (violation, joint index), (OK, -1) when all is well. Real-time safe.
 
         Args:

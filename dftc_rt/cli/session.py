@@ -1,0 +1,127 @@
+"""What the commands that run a robot share: loading, layouts, the summary at the end."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from rich.console import Console
+
+from dftc_rt.analysis import metrics, summary
+from dftc_rt.config.load import load_scenario
+from dftc_rt.config.scenario import Scenario
+from dftc_rt.control import signals
+from dftc_rt.controller import Parts, prepare
+from dftc_rt.dynamics.frames import LinkFrames
+from dftc_rt.dynamics.robot import Robot, load_robot
+from dftc_rt.log.recorder import Recorder
+from dftc_rt.log.run import Run
+from dftc_rt.log.schema import Layout, cycle_layout, rig_layout
+from dftc_rt.rt.executor import Outcome
+from hil import SCENARIOS
+
+_PACKAGES = ("dftc_rt", "pin", "numba", "numpy", "canopen", "python-can", "foxglove-sdk")
+
+
+@dataclass(frozen=True)
+class Session:
+    """A scenario that has been checked as far as it can be without drives.
+
+    Attributes:
+        scenario: The resolved scenario.
+        text: The same as TOML.
+        robot: The robot.
+        parts: The controller's parts.
+        cycle: Layout of ``/cycle``.
+        rig: Layout of ``/rig``.
+    """
+
+    scenario: Scenario
+    text: str
+    robot: Robot
+    parts: Parts
+    cycle: Layout
+    rig: Layout
+
+    def recorder(self, path: str | Path, epoch_ns: int, with_rig: bool = True) -> Recorder:
+        """Open the log.
+
+        Raises:
+            LogError: The file cannot be created.
+        """
+        frames = LinkFrames(self.robot)
+        return Recorder(
+            path,
+            self.cycle,
+            self.rig if with_rig else None,
+            scenario=self.text,
+            urdf=self.robot.urdf_xml,
+            versions=versions(),
+            epoch_ns=epoch_ns,
+            link_frames=frames.transforms,
+        )
+
+
+def open_session(scenario: str | Path, settings: Sequence[str] = ()) -> Session:
+    """Load and check a scenario and its robot.
+
+    Raises:
+        InputError: Something in the scenario, the robot or both together is wrong.
+    """
+    loaded = load_scenario(scenario, settings, SCENARIOS)
+    table = loaded.scenario.robot
+    robot = load_robot(
+        name=table.name, urdf=table.urdf, lock=table.lock, home_rad=table.home_rad
+    )
+    parts = prepare(loaded.scenario, robot)
+    return Session(
+        loaded.scenario,
+        loaded.text,
+        robot,
+        parts,
+        cycle_layout(robot.joints, signals.NAMES),
+        rig_layout(robot.joints),
+    )
+
+
+def versions() -> dict[str, str]:
+    """Return package -> version, for the log's metadata."""
+    found = {"python": platform.python_version(), "kernel": platform.release()}
+    for package in _PACKAGES:
+        try:
+            found[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            found[package] = "not installed as a package"
+    return found
+
+
+def summarise(run: Run, outcome: Outcome, **facts: Any) -> dict[str, Any]:
+    """Return the metrics of a run as the contract has them, and how it ended."""
+    counters = outcome.counters
+    return metrics.evaluate(run) | {
+        "cycles": counters.cycles,
+        "overruns": counters.overruns,
+        "missed_answers": counters.missed,
+        "end_state": outcome.end_state,
+        "reason": outcome.reason,
+        **facts,
+    }
+
+
+def exit_code(end_state: str) -> int:
+    """Return the exit code of a run: 0 done, 1 safe stop, 130 interrupted."""
+    return {"done": 0, "interrupted": 130}.get(end_state, 1)
+
+
+def show(found: dict[str, Any], json: bool) -> None:
+    """Print the metrics on standard output: one JSON object, or tables for people."""
+    if json:
+        sys.stdout.write(msgspec.json.encode(found).decode() + "\n")
+    else:
+        summary.show(found, Console(file=sys.stdout))

@@ -1,0 +1,185 @@
+"""``dftc simulate``: the closed loop in one process, as fast as it goes."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import Progress
+
+from dftc_rt.cli import session
+from dftc_rt.cli.session import Session
+from dftc_rt.controller import connect
+from dftc_rt.log.recorder import Recorder
+from dftc_rt.log.run import Run
+from dftc_rt.memory import MemorySink
+from dftc_rt.ring import Event
+from dftc_rt.rt.clock import LockstepClock
+from dftc_rt.rt.executor import Outcome
+from hil.simulate import in_process_rig
+
+_DRAIN_EVERY = 512
+_PROGRESS_EVERY = 256
+
+
+class _DrainingSink(MemorySink):
+    """Memory that also hands its records on, a few hundred at a time."""
+
+    def __init__(self, width: int, write: Callable[[NDArray[np.float64]], None]) -> None:
+        super().__init__(width)
+        self._write = write
+        self._fresh = 0
+
+    def commit(self) -> bool:
+        super().commit()
+        self._fresh += 1
+        if self._fresh == _DRAIN_EVERY:
+            self.flush()
+        return True
+
+    def flush(self) -> None:
+        """Hand on what is left."""
+        self._fresh = 0
+        while len(block := self.drain()):
+            self._write(block)
+
+
+def simulate(
+    scenario: str | Path,
+    *,
+    log: str | Path | None = None,
+    set_: Sequence[str] = (),
+    json: bool = False,
+) -> int:
+    """Run controller and rig in one process, in lock-step, as fast as it goes.
+
+    The same scenario and seed give the same records, byte for byte (the wall-time fields
+    lateness, compute and exchange apart).
+
+    Example:
+        dftc simulate panda_shoulder_loss --set fault[0].effectiveness=0.5
+
+    Args:
+        scenario: Scenario file, or the name of a shipped one.
+        log: Write the run to this MCAP file.
+        set_: Override a key, ``a.b=value``; may be repeated.
+        json: Print one JSON object on stdout.
+
+    Returns:
+        Exit code.
+
+    Raises:
+        InputError: The scenario is wrong.
+    """
+    opened = session.open_session(scenario, set_)
+    recorder = opened.recorder(log, epoch_ns=0) if log is not None else None
+    with recorder or nullcontext():
+        run, outcome = run_simulation(opened, recorder)
+    found = session.summarise(run, outcome, log=None if log is None else str(log))
+    session.show(found, json)
+    return session.exit_code(outcome.end_state)
+
+
+def run_simulation(
+    opened: Session, recorder: Recorder | None = None, *, progress: bool = True
+) -> tuple[Run, Outcome]:
+    """Run a session to its end; SIGINT and SIGTERM stop it safely.
+
+    Args:
+        opened: From :func:`dftc_rt.cli.session.open_session`.
+        recorder: Also write the run here.
+        progress: Show a progress bar on a terminal.
+
+    Raises:
+        DriveError: A drive refuses its set-up.
+    """
+    events: list[Event] = []
+
+    def event(t: float, severity: int, source: str, text: str) -> None:
+        events.append(Event(t, severity, source, text))
+        if recorder is not None:
+            recorder.write_event(t, severity, source, text)
+
+    def sink(width: int, write: Callable[[NDArray[np.float64]], None] | None) -> MemorySink:
+        return MemorySink(width) if write is None else _DrainingSink(width, write)
+
+    cycles = sink(opened.cycle.size, recorder and recorder.write_cycles)
+    truth = sink(opened.rig.size, recorder and recorder.write_rig)
+    motion = np.empty((3, opened.robot.n))
+    opened.parts.reference.sample(0.0, motion)
+    joined = in_process_rig(opened.scenario, opened.robot, motion, truth, event)
+    with _StopOnSignal() as stop, _bar(opened, cycles, progress) as tick:
+
+        def stop_requested() -> bool:
+            tick()
+            return stop.requested
+
+        executor = connect(
+            opened.scenario, opened.parts, joined.sockets, LockstepClock(), cycles, event,
+            stop_requested,
+        )  # fmt: skip
+        outcome = executor.run()
+    for each in (cycles, truth):
+        if isinstance(each, _DrainingSink):
+            each.flush()
+    run = Run.from_records(
+        opened.cycle, cycles.records(), truth.records(), scenario=opened.text, events=events
+    )
+    return run, outcome
+
+
+class _StopOnSignal:
+    """Turns SIGINT and SIGTERM into a request; the handlers before come back at the end."""
+
+    def __init__(self) -> None:
+        self.requested = False
+
+    def __enter__(self) -> _StopOnSignal:
+        self._before = {s: signal.signal(s, self._on) for s in (signal.SIGINT, signal.SIGTERM)}
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _on(self, number: int, frame: FrameType | None) -> None:
+        self.requested = True
+
+
+class _bar(AbstractContextManager[Callable[[], None]]):  # noqa: N801
+    """A progress bar on standard error, moved on now and then."""
+
+    def __init__(self, opened: Session, cycles: MemorySink, wanted: bool) -> None:
+        self._cycles = cycles
+        self._count = 0
+        self._progress: Progress | None = None
+        if wanted and sys.stderr.isatty():
+            self._progress = Progress(console=Console(stderr=True), transient=True)
+            total = opened.scenario.duration_s * opened.scenario.executor.rate_hz
+            self._task = self._progress.add_task("simulating", total=total)
+
+    def __enter__(self) -> Callable[[], None]:
+        if self._progress is None:
+            return _nothing
+        self._progress.start()
+        return self._tick
+
+    def __exit__(self, *_: object) -> None:
+        if self._progress is not None:
+            self._progress.stop()
+
+    def _tick(self) -> None:
+        self._count += 1
+        if self._count % _PROGRESS_EVERY == 0 and self._progress is not None:
+            self._progress.update(self._task, completed=self._count)
+
+
+def _nothing() -> None:
+    """No bar: nothing to move on."""

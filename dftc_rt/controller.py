@@ -1,0 +1,267 @@
+"""The controller, put together from a scenario: everything on its side of the wire."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dftc_rt.bus import budget
+from dftc_rt.bus.frame import frame_buffer
+from dftc_rt.bus.inprocess import link as in_process_link
+from dftc_rt.bus.interface import FrameSocket
+from dftc_rt.config.scenario import Scenario
+from dftc_rt.control import laws, signals
+from dftc_rt.control.interface import Law
+from dftc_rt.drives.interface import profile
+from dftc_rt.drives.scale import TORQUE_PER_COUNT, ScaleTable
+from dftc_rt.drives.wiring import bus_members, bus_names, joint_scales
+from dftc_rt.dynamics.local_terms import LocalTerms
+from dftc_rt.dynamics.model import Robot
+from dftc_rt.dynamics.tabulated import TabulatedTerms
+from dftc_rt.dynamics.whole_body import WholeBody
+from dftc_rt.errors import InputError
+from dftc_rt.reference import Reference, stop_ramp
+from dftc_rt.rt.clock import Clock, FakeClock
+from dftc_rt.rt.drive_link import DriveLink
+from dftc_rt.rt.executor import EventFunction, Executor, RecordSink
+from dftc_rt.rt.supervisor import Supervisor
+
+F64 = NDArray[np.float64]
+
+_TABLE_LIMIT_BYTES = 2 << 30
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a controller is made of before it meets its drives.
+
+    Attributes:
+        robot: The robot as the controller believes it.
+        law: The control law.
+        reference: Desired motion.
+        terms: Exact local terms.
+        scales: Scale of every drive.
+        torque_limit: Largest torque that can be commanded, (n,), Nm.
+    """
+
+    robot: Robot
+    law: Law
+    reference: Reference
+    terms: LocalTerms
+    scales: ScaleTable
+    torque_limit: F64
+
+
+def prepare(scenario: Scenario, robot: Robot) -> Parts:
+    """Build and check everything that needs no drive.
+
+    Raises:
+        InputError: The scenario does not fit the robot, or a bus would be overloaded.
+    """
+    check_budget(scenario, robot)
+    scales = ScaleTable.of(joint_scales(robot.joint_config))
+    resolution = np.abs(scales.values[TORQUE_PER_COUNT])
+    limit = np.floor(robot.torque_limit / resolution * (1 + 1e-12)) * resolution
+    control = scenario.control
+    law = laws.build(
+        control.law,
+        robot.n,
+        1.0 / scenario.executor.rate_hz,
+        limit,
+        resolution,
+        np.array([j.delay_cycles for j in robot.joint_config], dtype=np.int64),
+        {**robot.gains, **_tuples(control.gains)},
+        control.ftc,
+        robot.lower,
+        robot.upper,
+        robot.velocity_limit,
+        WholeBody(robot).inverse_dynamics,
+    )
+    reference = Reference(scenario.reference, robot.home)
+    check_reference(reference, robot, scenario.duration_s)
+    terms = LocalTerms(robot, control.interconnection)
+    return Parts(robot, law, reference, terms, scales, limit)
+
+
+def _tuples(gains: dict[str, Any]) -> dict[str, Any]:
+    return {key: tuple(v) if isinstance(v, list) else v for key, v in gains.items()}
+
+
+def check_budget(scenario: Scenario, robot: Robot) -> list[budget.BusLoad]:
+    """Return the load of every bus.
+
+    Raises:
+        InputError: The worst case exceeds what a bus may carry.
+    """
+    loads = [
+        budget.bus_load(
+            name,
+            int(bus_members(robot.joint_config, name).size),
+            rate_hz=scenario.executor.rate_hz,
+            bitrate=scenario.bus.bitrate,
+            profile=scenario.bus.profile,
+        )
+        for name in bus_names(robot.joint_config)
+    ]
+    budget.check(loads, scenario.bus.profile)
+    return loads
+
+
+def check_reference(reference: Reference, robot: Robot, duration_s: float) -> None:
+    """Refuse a reference that leaves the robot's limits, sampled at 100 Hz.
+
+    Raises:
+        InputError: Position or velocity exceeds a joint's limit; says which and when.
+    """
+    times = np.arange(0.0, min(duration_s, 600.0), 0.01)
+    motion = reference.table(times)
+    q, v = motion[:, 0], motion[:, 1]
+    with np.errstate(invalid="ignore"):
+        outside = (q < robot.lower) | (q > robot.upper) | (np.abs(v) > robot.velocity_limit)
+    if not outside.any():
+        return
+    k, i = (int(x) for x in np.argwhere(outside)[0])
+    if q[k, i] < robot.lower[i] or q[k, i] > robot.upper[i]:
+        found, unit = f"{q[k, i]:.3f} rad", "rad"
+        expected = f"{robot.lower[i]:.3f} to {robot.upper[i]:.3f} {unit}"
+    else:
+        found = f"{v[k, i]:.3f} rad/s"
+        expected = f"at most {robot.velocity_limit[i]:.3f} rad/s"
+    raise InputError(
+        "reference", f"{robot.joints[i]} would be at {found} at t = {times[k]:.2f} s", expected
+    )
+
+
+def connect(
+    scenario: Scenario,
+    parts: Parts,
+    sockets: Sequence[FrameSocket],
+    clock: Clock,
+    sink: RecordSink,
+    event: EventFunction,
+    stop_requested: Callable[[], bool],
+) -> Executor:
+    """Configure the drives, take the measured pose, and return an executor ready to run.
+
+    Args:
+        scenario: The resolved scenario.
+        parts: From :func:`prepare`.
+        sockets: One a bus, in the order of ``bus_names``.
+        clock: Real, lock-step or fake.
+        sink: Takes the records.
+        event: Takes events.
+        stop_requested: Polled once a cycle.
+
+    Raises:
+        DriveError: A drive is missing, or is not what the robot file says.
+        BusError: A bus has gone away.
+    """
+    robot = parts.robot
+    loads = check_budget(scenario, robot)
+    period = 1.0 / scenario.executor.rate_hz
+    read_budget = scenario.executor.read_budget
+    budget_s = (
+        max(budget.read_budget_s(load) for load in loads)
+        if read_budget == "auto"
+        else read_budget * period
+    )
+    warm_up(scenario, parts)
+    joints = robot.joint_config
+    setup = profile(scenario.bus.profile).setup(
+        sockets,
+        [bus_members(joints, name) for name in bus_names(joints)],
+        [j.node_id for j in joints],
+        joint_scales(joints),
+        period_s=period,
+    )
+    setup.configure()
+    q0 = setup.positions()
+    setup.close()
+    link = _drive_link(
+        scenario, parts, sockets, clock, budget_s, lambda source, text: event(0.0, 2, source, text)
+    )
+    link.start(q0)
+    parts.reference.start(link.q)
+    table = _tabulate(scenario, parts) if scenario.control.local_terms == "tabulated" else None
+    executor = Executor(
+        scenario, robot.joints, parts.torque_limit, clock, link, parts.law, parts.reference,
+        parts.terms, table, sink, event, stop_requested,
+    )  # fmt: skip
+    return executor
+
+
+def _drive_link(
+    scenario: Scenario,
+    parts: Parts,
+    sockets: Sequence[FrameSocket],
+    clock: Clock,
+    budget_s: float,
+    event: Callable[[str, str], object],
+) -> DriveLink:
+    joints = parts.robot.joint_config
+    return DriveLink(
+        sockets,
+        [bus_members(joints, name) for name in bus_names(joints)],
+        np.array([j.node_id for j in joints], dtype=np.int64),
+        parts.scales,
+        clock,
+        1.0 / scenario.executor.rate_hz,
+        budget_s,
+        event,
+    )
+
+
+def _tabulate(scenario: Scenario, parts: Parts) -> TabulatedTerms | None:
+    """Tabulate the local terms along the reference, whose start is known by now."""
+    rate = scenario.executor.rate_hz
+    cycles = max(round(scenario.duration_s * rate), 1)
+    size = cycles * 4 * parts.robot.n * 8
+    if size > _TABLE_LIMIT_BYTES:
+        raise InputError(
+            "control.local_terms",
+            f"'tabulated' would take {size / 2**30:.1f} GiB for {scenario.duration_s} s",
+            "'exact', or a shorter run",
+        )
+    motion = parts.reference.table(np.arange(cycles) / rate)
+    table = TabulatedTerms(
+        parts.robot,
+        scenario.control.interconnection,
+        *(np.ascontiguousarray(motion[:, row]) for row in range(3)),
+    )
+    table.update(0, parts.robot.home, parts.robot.home)  # compiles
+    return table
+
+
+def warm_up(scenario: Scenario, parts: Parts) -> None:
+    """Call everything the loop calls once, so that nothing compiles or loads in it."""
+    robot, n = parts.robot, parts.robot.n
+    joints = robot.joint_config
+    pairs = [in_process_link(name) for name in bus_names(joints)]
+    link = _drive_link(
+        scenario, parts, [near for near, _ in pairs], FakeClock(), 0.0, lambda *_: None
+    )
+    link.start(robot.home)
+    feedback = frame_buffer(1)
+    for name, (_, far) in zip(bus_names(joints), pairs, strict=True):
+        node = joints[int(bus_members(joints, name)[0])].node_id
+        feedback.view("<u4")[0, :2] = 0x180 + node, 8
+        far.send(feedback, 1)
+    supervisor = Supervisor(scenario.supervisor, parts.torque_limit, 1.0)
+    rec = np.zeros((len(signals.NAMES), n))
+    rec[signals.Q] = rec[signals.QD] = robot.home
+    desired = rec[signals.QD : signals.AD + 1]
+    parts.law.start(robot.home, np.zeros(n))
+    for _ in range(3):
+        link.exchange(0, 0)
+        parts.reference.sample(0.0, desired)
+        stop_ramp(0.0, 1.0, np.zeros((3, n)), desired)
+        parts.terms.update(robot.home, rec[signals.V], *desired)
+        parts.law.update(rec, parts.terms.inertia, parts.terms.bias)
+        supervisor.check(rec, link.status)
+        link.all_enabled()
+        link.all_disabled()
+        link.command(rec[signals.TAU_CMD])
