@@ -262,5 +262,7 @@ def test_a_robot_file_that_does_not_fit_its_urdf(tmp_path, monkeypatch):
     assert "lock: 'j9' is no joint that can move" in refused(name="bot")
     write_toml('[[joint]]\nname = "j0"\ntorque_limit_nm = 5\n[[joint]]\nname = "j1"\n')
     assert load_robot("bot").torque_limit.tolist() == [5.0, 10.0]
+    assert [drive.node_id for drive in load_robot("bot").joint_config] == [1, 2]
+    assert [drive.node_id for drive in load_robot("bot", lock=["j0"]).joint_config] == [2]
     (folder / "robot.toml").write_text('name = "other"\nurdf = "bot.urdf"\n')
     assert "name: found 'other' (expected 'bot', as its folder)" in refused(name="bot")
