@@ -1,0 +1,1 @@
+"""Drive profiles: how torque commands and feedback become frames, and back."""

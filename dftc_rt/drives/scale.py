@@ -124,28 +124,23 @@ class ScaleTable:
 
     def position(self, counts: I64) -> F64:
         """Return joint positions, (n,), rad, of unwrapped counts (6064h)."""
-        return self.values[RAD_PER_COUNT] * counts - self.values[ZERO_OFFSET]
+        q: F64 = self.values[RAD_PER_COUNT] * counts - self.values[ZERO_OFFSET]
+        return q
 
     def velocity(self, counts_per_s: I64) -> F64:
         """Return joint velocities, (n,), rad/s, of counts per second (606Ch)."""
-        return self.values[RAD_PER_COUNT] * counts_per_s
+        v: F64 = self.values[RAD_PER_COUNT] * counts_per_s
+        return v
 
     def torque(self, per_mille: I64) -> F64:
         """Return joint torques, (n,), Nm, of per mille of rated (6071h, 6077h)."""
-        return self.values[TORQUE_PER_COUNT] * per_mille
+        tau: F64 = self.values[TORQUE_PER_COUNT] * per_mille
+        return tau
 
     def position_counts(self, q: F64) -> I64:
-        """Return what an encoder shows at joint positions, (n,), before int32 wraps it."""
+        """Return what encoders show at joint positions, (n,), rad, before int32 wraps it."""
         counts = np.rint((q + self.values[ZERO_OFFSET]) / self.values[RAD_PER_COUNT])
-        return counts.astype(np.int64)
-
-    def velocity_counts(self, v: F64) -> I64:
-        """Return joint velocities, (n,), rad/s, in counts per second."""
-        return np.rint(v / self.values[RAD_PER_COUNT]).astype(np.int64)
-
-    def torque_counts(self, tau: F64) -> I64:
-        """Return joint torques, (n,), Nm, in per mille of rated, not limited."""
-        return np.rint(tau / self.values[TORQUE_PER_COUNT]).astype(np.int64)
+        return np.asarray(counts, dtype=np.int64)
 
 
 @njit(cache=True)

@@ -5,7 +5,6 @@ Per service the rig calls, in rig time and from its own loop:
     drives.tick(t)
     for every bus, for every frame that came:
         row = drives.receive(bus, frames, row, count)    # up to and including a SYNC
-        drives.actuate()                                 # commands in force, states
         ... the plant moves on to t and writes POSITION, VELOCITY, TORQUE_ACTUAL ...
         count = drives.answer(bus, out)                  # TPDOs, EMCY, SDO, heartbeats
 
@@ -144,7 +143,7 @@ class Cia402Drives:
         """
         self.synced = False
         while True:
-            code = service.receive(
+            code: int = service.receive(
                 frames,
                 start,
                 count,
@@ -164,10 +163,6 @@ class Cia402Drives:
                 self.synced = True
             return start
 
-    def actuate(self) -> None:
-        """Bring states, statuswords and commands of all drives up to date."""
-        service.actuate(self.objects)
-
     def answer(self, bus: int, out: Frames) -> int:
         """Fill in what the drives of one bus send now; return how many rows.
 
@@ -175,7 +170,7 @@ class Cia402Drives:
             bus: Index of the bus.
             out: Batch to fill from row 0, (capacity, 16).
         """
-        code = service.answer(
+        code: int = service.answer(
             out, self._members[bus], self.objects, self.pdo, self._sync[bus], self._now
         )
         self._sync[bus] = -1
@@ -242,11 +237,11 @@ class Cia402Drives:
 
     def _command(self, d: int, command: int) -> None:
         """Obey an NMT command."""
-        node = self._nodes[d]
+        node, spec = self._nodes[d], self.specs[d]
         if command in (od.NMT_RESET_NODE, od.NMT_RESET_COMMUNICATION):
             self._boot(d, command)
             return
-        node.nmt.on_command(od.NMT, bytes([command, node.id]), self._now * 1e-6)
+        node.nmt.on_command(od.NMT, bytes([command, spec.node_id]), self._now * 1e-6)
         state = {od.NMT_START: od.OPERATIONAL, od.NMT_STOP: od.STOPPED}.get(
             command, od.PRE_OPERATIONAL
         )
@@ -259,7 +254,7 @@ class Cia402Drives:
     def _boot(self, d: int, command: int) -> None:
         """Reset a node (all of it, or its communication) and announce it."""
         node, spec, row = self._nodes[d], self.specs[d], self.objects[d]
-        node.nmt.on_command(od.NMT, bytes([command, node.id]), self._now * 1e-6)
+        node.nmt.on_command(od.NMT, bytes([command, spec.node_id]), self._now * 1e-6)
         if command == od.NMT_RESET_NODE:
             kept = row[[slots.POSITION, slots.VELOCITY, slots.FAULT_PRESENT]].copy()
             row[:] = 0
@@ -359,6 +354,7 @@ class Cia402Drives:
             previous = int(self.objects[d, slots.CONTROLWORD])
             self.objects[d, slots.CONTROLWORD] = word
             service.control(self.objects, d, previous)
+            service.refresh(self.objects, d)
 
     def _pending_emergencies(self, bus: int) -> None:
         """Send the emergencies that kernels have asked for."""

@@ -15,7 +15,8 @@ from typing import Any, Final
 
 import canopen
 import numpy as np
-from canopen.sdo import SdoAbortedError, SdoServer
+from canopen.sdo.exceptions import SdoAbortedError
+from canopen.sdo.server import SdoServer
 from numpy.typing import NDArray
 
 from dftc_rt.drives.cia402 import objects as od
@@ -117,7 +118,7 @@ class DriveNode(canopen.LocalNode):
         assert isinstance(value, int)
         return value
 
-    def _on_read(self, index: int, subindex: int, od: Any) -> int | None:  # noqa: ARG002
+    def _on_read(self, index: int, subindex: int, od: Any) -> int | None:
         """Return a live value, or None to let canopen look in its store."""
         live = slots.LIVE.get((index, subindex))
         if live is not None:

@@ -1,8 +1,8 @@
 """What the emulated drives do with a frame: kernels over all drives, no Python objects.
 
 A service of the rig is: :func:`receive` up to a SYNC, which puts held RPDOs into force;
-the state machine; the plant, which writes position, velocity and torque actual; then
-:func:`answer`, which sends what is due.
+the plant, which writes position, velocity and torque actual; then :func:`answer`, which
+sends what is due. Statusword, mode display and the torque to follow are always up to date.
 
 Source: CiA 301, "PDO transmission types", "SYNC"; CiA 402-2, state machine.
 """
@@ -78,7 +78,6 @@ def control(objects: I64, d: int, previous: int) -> None:
             row[slots.ERROR_CODE] = 0
             row[slots.ERROR_REGISTER] = 0
             row[slots.RESET_PENDING] = 1
-        refresh(objects, d)
 
 
 @njit(cache=True)
@@ -102,6 +101,7 @@ def _apply(objects: I64, pdo: I64, d: int, p: int, data: int) -> None:
         shift += bits
     if controlled:
         control(objects, d, previous)
+    refresh(objects, d)
 
 
 @njit(cache=True)
@@ -132,7 +132,7 @@ def receive(
         can_id = head & 0xFFFFFFFF
         if can_id > 0x7FF:
             continue  # 29 bits, remote or error frame: nothing a drive listens to
-        what = np.int64(lookup[can_id])
+        what = int(lookup[can_id])
         if what == IGNORE:
             continue
         if what == MANAGED:
@@ -162,13 +162,6 @@ def receive(
             else:
                 _apply(objects, pdo, d, p, words[r, 1])
     return count * 4 + AT_END
-
-
-@njit(cache=True)
-def actuate(objects: I64) -> None:
-    """Bring statusword, mode display, enable bit and command of every drive up to date."""
-    for d in range(objects.shape[0]):
-        refresh(objects, d)
 
 
 @njit(cache=True)

@@ -31,7 +31,7 @@ class RigTask(PeriodicMessageTask):
         """Send no more."""
         self.running = False
 
-    def update(self, data: Iterable[int]) -> None:  # type: ignore[override]
+    def update(self, data: Iterable[int]) -> None:
         """Send these data from now on."""
         self.data = bytes(data)
 

@@ -88,3 +88,4 @@ SYNC_COUNTER_OVERFLOW: Final = 240
 TORQUE_ACTUAL_EVERY: Final = 10  # TPDO3 comes with every 10th SYNC, one node after the other
 STATUS_INHIBIT_100US: Final = 100  # TPDO2 at most every 10 ms
 MASTER_NODE_ID: Final = 127  # producer of the heartbeat that drives listen to
+MASTER_HEARTBEAT_MS: Final = 50  # how often it comes; drives wait three times as long

@@ -122,14 +122,14 @@ def next_state(state: int, controlword: int, previous: int, quick_stop_option: i
     """
     if state == FAULT:
         if controlword & 0x80 and not previous & 0x80:
-            return NEXT[FAULT, FAULT_RESET]
+            return int(NEXT[FAULT, FAULT_RESET])
         return state
     command = command_of(controlword)
     if state == QUICK_STOP_ACTIVE and command == ENABLE_OPERATION and quick_stop_option < 5:
         return state
-    after = NEXT[state, command]
+    after = int(NEXT[state, command])
     if state == READY_TO_SWITCH_ON and command == ENABLE_OPERATION:
-        after = NEXT[after, command]  # 3 and 4 in one go
+        after = int(NEXT[after, command])  # 3 and 4 in one go
     return after
 
 
@@ -158,18 +158,3 @@ def state_of(statusword: int) -> int:
     if with_quick_stop == 0x07:
         return QUICK_STOP_ACTIVE
     return NOT_READY_TO_SWITCH_ON
-
-
-@njit(cache=True)
-def controlword_towards_operation(state: int) -> int:
-    """Return the controlword that leads one step nearer to operation enabled.
-
-    A fault is not reset here: that is a decision, not a step (see the client).
-    """
-    if state == SWITCH_ON_DISABLED:
-        return CW_SHUTDOWN
-    if state == READY_TO_SWITCH_ON:
-        return CW_SWITCH_ON
-    if state in (SWITCHED_ON, OPERATION_ENABLED):
-        return CW_ENABLE_OPERATION
-    return CW_DISABLE_VOLTAGE
