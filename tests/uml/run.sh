@@ -22,7 +22,8 @@ kernel=$(command -v linux.uml) || lacks "no linux.uml; apt-get install user-mode
 for tool in timeout ip insmod; do
   command -v "$tool" >/dev/null || lacks "no $tool; apt-get install coreutils kmod iproute2"
 done
-python=$(command -v "$python") || lacks "no Python at $python; make dev, or set PYTHON"
+command -v "$python" >/dev/null || lacks "no Python at $python; make dev, or set PYTHON"
+python=$(command -v "$python")
 [ "$(id -u)" = 0 ] || lacks "must be root, so that the host's files are root's inside as well"
 
 # Everything the inside needs to know, and what it tells us, in one fresh directory.

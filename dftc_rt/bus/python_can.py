@@ -1,0 +1,158 @@
+"""The user-space bus for every python-can tool: ``can.Bus(interface="dftc", channel="can0")``.
+
+python-can finds this class through the entry point group ``can.interface``.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import can
+import numpy as np
+
+from dftc_rt.bus.directory import check_directory, resolve_directory
+from dftc_rt.bus.frame import EFF_FLAG, EFF_MASK, ERR_FLAG, RTR_FLAG, Frames, frame_buffer
+from dftc_rt.bus.unix import UnixSocket, connect
+from dftc_rt.bus.wait import Waiter
+from dftc_rt.errors import BusError, DftcError
+
+_ROOM_RETRY_S = 1e-3
+
+
+def to_frame(message: can.Message, frames: Frames, row: int) -> None:
+    """Write a python-can message into a row of a classical batch.
+
+    Raises:
+        can.CanOperationError: It is an FD or error frame, which this bus does not carry.
+    """
+    if message.is_fd or message.is_error_frame:
+        raise can.CanOperationError("this bus carries classical data and remote frames only")
+    can_id = message.arbitration_id
+    can_id |= EFF_FLAG if message.is_extended_id else 0
+    can_id |= RTR_FLAG if message.is_remote_frame else 0
+    frames[row] = 0
+    frames[row, :4] = np.frombuffer(can_id.to_bytes(4, "little"), dtype=np.uint8)
+    frames[row, 4] = message.dlc
+    frames[row, 8 : 8 + len(message.data)] = message.data
+
+
+def to_message(frames: Frames, row: int, channel: str, timestamp: float) -> can.Message:
+    """Return a row of a classical batch as a python-can message.
+
+    Args:
+        frames: Classical batch, uint8, shape ``(capacity, 16)``.
+        row: Row to convert.
+        channel: Logical bus name.
+        timestamp: Time of reception, s since the epoch.
+    """
+    raw = frames[row].tobytes()
+    can_id = int.from_bytes(raw[:4], "little")
+    remote = bool(can_id & RTR_FLAG)
+    return can.Message(
+        timestamp=timestamp,
+        arbitration_id=can_id & EFF_MASK,
+        is_extended_id=bool(can_id & EFF_FLAG),
+        is_remote_frame=remote,
+        is_error_frame=bool(can_id & ERR_FLAG),
+        dlc=raw[4],
+        data=b"" if remote else raw[8 : 8 + raw[4]],
+        channel=channel,
+        is_rx=True,
+    )
+
+
+class DftcBus(can.BusABC):
+    """A node on the user-space bus.
+
+    The rig forwards what this node sends and counts what it is too slow to read.
+    """
+
+    def __init__(
+        self,
+        channel: str = "can0",
+        can_filters: Sequence[can.typechecking.CanFilter] | None = None,
+        bus_dir: str | os.PathLike[str] | None = None,
+        **kwargs: Any,
+    ) -> None:
+        """Join a bus that a rig has open.
+
+        Args:
+            channel: Logical bus name.
+            can_filters: As for every python-can bus; applied on this side.
+            bus_dir: Directory of the buses; by default found as the commands find it.
+            **kwargs: Passed on to ``can.BusABC``.
+
+        Raises:
+            can.CanInitializationError: There is no such bus, or its directory is unsafe.
+        """
+        try:
+            directory = resolve_directory(bus_dir)
+            check_directory(directory)
+            self._node: UnixSocket = connect(channel, directory)
+        except DftcError as error:
+            raise can.CanInitializationError(str(error)) from error
+        self.channel = channel
+        self.channel_info = f"dftc {channel} in {directory}"
+        self._tx = frame_buffer(1)
+        self._rx = frame_buffer(1)
+        self._waiter = Waiter([self._node.fd])
+        super().__init__(channel=channel, can_filters=can_filters, **kwargs)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Send one message.
+
+        Args:
+            msg: Classical data or remote frame.
+            timeout: Seconds to wait for room in the socket; None does not wait.
+
+        Raises:
+            can.CanTimeoutError: There was no room.
+            can.CanOperationError: The bus has gone away, or the message does not fit it.
+        """
+        to_frame(msg, self._tx, 0)
+        deadline = time.monotonic() + (timeout or 0.0)
+        try:
+            while not self._node.send(self._tx, 1):
+                if time.monotonic() >= deadline:
+                    raise can.CanTimeoutError("the rig does not read its bus")
+                time.sleep(_ROOM_RETRY_S)
+        except BusError as error:
+            raise can.CanOperationError(str(error)) from error
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        try:
+            if not self._node.receive(self._rx):
+                if timeout == 0.0:
+                    return None, False
+                self._waiter.wait(3600.0 if timeout is None else timeout)
+                if not self._node.receive(self._rx):
+                    return None, False
+        except BusError as error:
+            raise can.CanOperationError(str(error)) from error
+        return to_message(self._rx, 0, self.channel, time.time()), False
+
+    def fileno(self) -> int:
+        """Return the descriptor that becomes readable when a frame waits."""
+        return self._node.fd
+
+    def shutdown(self) -> None:
+        """Leave the bus."""
+        super().shutdown()
+        self._node.close()
+
+    @staticmethod
+    def _detect_available_configs() -> list[can.typechecking.AutoDetectedConfig]:
+        directory = resolve_directory()
+        try:
+            check_directory(directory)
+        except DftcError:
+            return []
+        return [
+            {"interface": "dftc", "channel": entry.name}
+            for entry in sorted(directory.iterdir())
+            if stat.S_ISSOCK(entry.lstat().st_mode)
+        ]
