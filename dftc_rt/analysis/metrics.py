@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any, Final
 
 import numpy as np
@@ -35,7 +36,7 @@ METRIC_ROWS: Final = (
 )  # fmt: skip
 
 
-def compute(
+def evaluate(
     run: Run,
     *,
     twin: Run | None = None,
@@ -45,6 +46,9 @@ def compute(
     extra: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Metrics of a run, ready for JSON: numbers, texts, None; never NaN.
+
+    Beyond the contract's keys, ``faults`` lists what was judged, a ramp's start moved to
+    its onset.
 
     Args:
         run: The run.
@@ -74,6 +78,7 @@ def compute(
         "compute_us": percentiles_us(cycle["compute"]),
         "exchange_us": percentiles_us(cycle["exchange"]),
         "end_state": _end_state(run) if end_state is None else end_state,
+        "faults": [asdict(fault) for fault in given],
         "joints": {joint: _joint(run, twin, given, joint, period) for joint in run.joints},
     }
     clean: dict[str, Any] = _clean(result | dict(extra or {}))

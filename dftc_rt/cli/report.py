@@ -1,0 +1,32 @@
+"""``dftc report``: a log as one HTML file."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from dftc_rt.analysis import metrics
+from dftc_rt.analysis.report import write_report
+from dftc_rt.log.reader import read
+
+
+def report(log: str | Path, *, output: str | Path) -> int:
+    """Write a report of a log: one HTML file that needs no network.
+
+    Example:
+        dftc report run.mcap -o run.html
+
+    Args:
+        log: The log.
+        output: The HTML file to write.
+
+    Returns:
+        Exit code.
+
+    Raises:
+        LogError: The log cannot be read, or the report not be written.
+    """
+    run = read(log)
+    write_report(run, metrics.evaluate(run), output)
+    sys.stdout.write(f"{output}\n")
+    return 0
