@@ -28,7 +28,12 @@ python=$(command -v "$python")
 
 # Everything the inside needs to know, and what it tells us, in one fresh directory.
 job=$(mktemp -d "${TMPDIR:-/var/tmp}/dftc-uml.XXXXXX")
-trap 'rm -rf "$job"' EXIT
+machine=
+end() {
+  [ -z "$machine" ] || kill -KILL "$machine" 2>/dev/null || :
+  rm -rf "$job"
+}
+trap end EXIT
 trap 'exit 130' INT TERM
 [ $# -gt 0 ] || set -- tests
 # The console inside always is a terminal; whether ours is one decides about colour.
@@ -41,10 +46,21 @@ printf '%s\n' "$python" >"$job/python"
 # The kernel puts its memory into a file in TMPDIR. Its console is our stdin and stdout.
 echo "Booting $(basename "$kernel") for: pytest -m vcan $*" >&2
 status=0
-TMPDIR="$job" timeout --kill-after=10 "${UML_TIMEOUT_S:-900}" \
+set -- timeout --foreground --signal=KILL "${UML_TIMEOUT_S:-900}" \
   "$kernel" mem=1G root=/dev/root rootfstype=hostfs rootflags=/ rw \
   init="$here/init.sh" dftc_job="$job" umid="dftc-$$" uml_dir="$job/" \
-  con=null con0=null,fd:1 quiet </dev/null || status=$?
+  con=null con0=null,fd:1 quiet
+# Killed half-way, the kernel would leave behind the processes that it runs programs in;
+# a PID namespace, where we may have one, takes them along.
+namespace="unshare --pid --fork --kill-child=KILL sh -c"
+if $namespace : 2>/dev/null; then
+  # shellcheck disable=SC2086,SC2016  # words of the command; expanded by the inner shell
+  set -- $namespace '"$@"; exit $?' sh "$@"
+fi
+TMPDIR="$job" "$@" </dev/null &
+machine=$!
+wait "$machine" || status=$?
+machine=
 
 if [ ! -s "$job/exit_code" ]; then
   echo "tests/uml/run.sh: the kernel ended (status $status) before the tests did" >&2
