@@ -10,6 +10,7 @@ parameter", "Abort SDO transfer protocol" (abort codes).
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -19,7 +20,8 @@ from canopen.sdo.exceptions import SdoAbortedError
 from canopen.sdo.server import SdoServer
 from numpy.typing import NDArray
 
-from dftc_rt.drives.cia402 import objects as od
+from dftc_rt.drives.cia402 import objects as co
+from dftc_rt.drives.cia402.eds import dictionary
 from dftc_rt.drives.scale import JointScale
 from hil.drive import service, slots
 
@@ -31,7 +33,10 @@ NO_SUBINDEX: Final = 0x0609_0011
 INVALID_VALUE: Final = 0x0609_0030
 VALUE_TOO_HIGH: Final = 0x0609_0031
 VALUE_TOO_LOW: Final = 0x0609_0032
+WRONG_STATE: Final = 0x0800_0022
+NO_DATA: Final = 0x0800_0024
 
+_GENERAL: Final = 0x0800_0000
 _INVALID_PDO: Final = 1 << 31
 _EXTENDED: Final = 1 << 29
 _RESTRICTED: Final = (range(0x001, 0x080), range(0x580, 0x600), range(0x600, 0x680))
@@ -41,9 +46,17 @@ class _Server(SdoServer):
     """canopen's SDO server, able to abort before the first valid request."""
 
     def __init__(self, rx_cobid: int, tx_cobid: int, node: canopen.LocalNode) -> None:
-        super().__init__(rx_cobid, tx_cobid, node)
+        super().__init__(rx_cobid, tx_cobid, node)  # type: ignore[no-untyped-call]
         self._index = 0
         self._subindex = 0
+        self._buffer = bytearray()
+
+    def abort(self, abort_code: int = _GENERAL) -> None:
+        """Refuse a transfer; an error of our own is raised, where canopen would log it."""
+        error = sys.exception()
+        if abort_code == _GENERAL and error is not None:
+            raise error
+        super().abort(abort_code)  # type: ignore[no-untyped-call]
 
 
 class DriveNode(canopen.LocalNode):
@@ -53,6 +66,8 @@ class DriveNode(canopen.LocalNode):
         scale: The drive's data sheet.
         error_history: Object 1003h, newest first.
         consumer: Object 1016h:01h, (producer's node id, time in µs); (0, 0) when off.
+        heard_us: Rig time of that producer's last heartbeat, µs; −1: not yet, which
+            is when it is not watched either.
     """
 
     def __init__(
@@ -72,16 +87,17 @@ class DriveNode(canopen.LocalNode):
             pdo: This drive's PDOs, (8, N_PDO).
             rewired: Called when identifiers that the drive listens to have changed.
         """
-        super().__init__(node_id, canopen.import_od(str(od.EDS_PATH), node_id))
-        self.sdo = _Server(od.SDO_REQUEST + node_id, od.SDO_RESPONSE + node_id, self)
+        super().__init__(node_id, dictionary(node_id))
+        self.sdo = _Server(co.SDO_REQUEST + node_id, co.SDO_RESPONSE + node_id, self)
         self.scale = scale
         self.error_history: list[int] = []
         self.consumer = (0, 0)
+        self.heard_us = -1
         self._objects = objects
         self._pdo = pdo
         self._rewired = rewired
-        self.add_read_callback(self._on_read)
-        self.add_write_callback(self._on_write)
+        self.add_read_callback(self._on_read)  # type: ignore[no-untyped-call]
+        self.add_write_callback(self._on_write)  # type: ignore[no-untyped-call]
 
     def load_defaults(self, everything: bool) -> None:
         """Go back to power-on values: all of them, or the communication area's alone."""
@@ -91,26 +107,23 @@ class DriveNode(canopen.LocalNode):
         for index in [i for i in self.data_store if 0x1000 <= i < 0x2000]:
             del self.data_store[index]
         self.consumer = (0, 0)
+        self.heard_us = -1
         motor, shaft = self.scale.gear_ratio
         for index, subindex, value in (
-            (od.RATED_TORQUE, 0, self.scale.rated_torque_mnm),
-            (od.ENCODER_RESOLUTION, 1, self.scale.counts_per_rev),
-            (od.GEAR_RATIO, 1, motor),
-            (od.GEAR_RATIO, 2, shaft),
+            (co.RATED_TORQUE, 0, self.scale.rated_torque_mnm),
+            (co.ENCODER_RESOLUTION, 1, self.scale.counts_per_rev),
+            (co.GEAR_RATIO, 1, motor),
+            (co.GEAR_RATIO, 2, shaft),
         ):
             variable = self.object_dictionary.get_variable(index, subindex)
             assert variable is not None
             self.data_store.setdefault(index, {})[subindex] = variable.encode_raw(value)
         for number in range(8):
             self._compile_communication(number)
-            self._compile_mapping(number, self._read(_mapping(number), 0))
+            self._compile_mapping(number, self.value(_mapping(number), 0))
 
     def value(self, index: int, subindex: int = 0) -> int:
         """Return an object's present value."""
-        return self._read(index, subindex)
-
-    def _read(self, index: int, subindex: int) -> int:
-        """Return a stored value or its default."""
         data = self.get_data(index, subindex)
         variable = self.object_dictionary.get_variable(index, subindex)
         assert variable is not None
@@ -125,11 +138,11 @@ class DriveNode(canopen.LocalNode):
             slot, bits, signed = live
             raw = int(self._objects[slot]) & ((1 << bits) - 1)
             return raw - (1 << bits) if signed and raw >> (bits - 1) else raw
-        if index == 0x1003:
+        if index == co.ERROR_HISTORY:
             if subindex == 0:
                 return len(self.error_history)
             if subindex > len(self.error_history):
-                raise SdoAbortedError(NO_SUBINDEX if subindex > 8 else 0x0800_0024)
+                raise SdoAbortedError(NO_SUBINDEX if subindex > 8 else NO_DATA)
             return self.error_history[subindex - 1]
         return None
 
@@ -150,30 +163,34 @@ class DriveNode(canopen.LocalNode):
             self._write_communication(_number(index), subindex, value)
         elif 0x1600 <= index < 0x1604 or 0x1A00 <= index < 0x1A04:
             self._write_mapping(_number(index), subindex, value)
-        elif index == 0x1003:
+        elif index == co.ERROR_HISTORY:
             if value != 0:
                 raise SdoAbortedError(INVALID_VALUE)
             self.error_history.clear()
-        elif index == 0x1016:
+        elif index == co.HEARTBEAT_CONSUMER:
             if subindex != 1:
                 raise SdoAbortedError(NO_SUBINDEX)
             producer, time_ms = value >> 16, value & 0xFFFF
             if producer > 127:
                 raise SdoAbortedError(INVALID_VALUE)
             self.consumer = (producer, time_ms * 1000) if producer and time_ms else (0, 0)
+            self.heard_us = -1
             self._rewired()
-        elif index == 0x1019 and value == 1:
-            raise SdoAbortedError(INVALID_VALUE)
+        elif index == co.SYNC_OVERFLOW:
+            if value == 1:
+                raise SdoAbortedError(INVALID_VALUE)
+            if self.value(co.SYNC_PERIOD):
+                raise SdoAbortedError(WRONG_STATE)
 
     def _write_live(self, index: int, subindex: int, value: int) -> None:
         """Write a process object and let the drive react at once."""
-        if index == od.MODE and value not in (0, od.CST):
+        if index == co.MODE and value not in (0, co.CST):
             raise SdoAbortedError(INVALID_VALUE)
         slot = slots.LIVE[index, subindex][0]
         previous = int(self._objects[slots.CONTROLWORD])
         self._objects[slot] = value
         matrix = self._objects[None, :]
-        if index == od.CONTROLWORD:
+        if index == co.CONTROLWORD:
             service.control(matrix, 0, previous)
         if slot == slots.TARGET_TORQUE:
             self._objects[slots.COMMANDS] += 1
@@ -243,7 +260,7 @@ class DriveNode(canopen.LocalNode):
         """Turn the first ``count`` mapping entries into columns of the matrix."""
         row = self._pdo[number]
         entries = [
-            self._entry(number, self._read(_mapping(number), k)) for k in range(1, count + 1)
+            self._entry(number, self.value(_mapping(number), k)) for k in range(1, count + 1)
         ]
         bits = sum(entry[1] for entry in entries)
         if bits > 64:
@@ -258,13 +275,13 @@ class DriveNode(canopen.LocalNode):
         """Turn stored communication parameters into columns of the matrix."""
         index = _communication(number)
         row = self._pdo[number]
-        cob_id = self._read(index, 1)
+        cob_id = self.value(index, 1)
         row[slots.VALID] = 0 if cob_id & _INVALID_PDO else 1
         row[slots.COB_ID] = cob_id & 0x7FF
-        row[slots.TYPE] = self._read(index, 2)
-        row[slots.INHIBIT] = self._read(index, 3) * 100
-        row[slots.EVENT_TIMER] = self._read(index, 5) * 1000
-        row[slots.SYNC_START] = self._read(index, 6) if number >= 4 else 0
+        row[slots.TYPE] = self.value(index, 2)
+        row[slots.INHIBIT] = self.value(index, 3) * 100
+        row[slots.EVENT_TIMER] = self.value(index, 5) * 1000
+        row[slots.SYNC_START] = self.value(index, 6) if number >= 4 else 0
         self.restart_pdo(number)
 
     def restart_pdo(self, number: int) -> None:

@@ -209,7 +209,7 @@ def _due(row: I64, counter: int) -> bool:
                 return False
             row[slots.PHASE] = 0
         # Counted on the SYNC's own counter: a lost SYNC does not shift the stagger.
-        return (counter - first + 1) % every == 0
+        return bool((counter - first + 1) % every == 0)
     row[slots.PHASE] = max(row[slots.PHASE], 0) + 1
     if row[slots.PHASE] >= every:
         row[slots.PHASE] = 0

@@ -15,13 +15,13 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
-import canopen
 import numpy as np
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError, SdoError
 
 from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.drives.cia402 import mapping, states
 from dftc_rt.drives.cia402 import objects as od
+from dftc_rt.drives.cia402.eds import dictionary
 from dftc_rt.drives.cia402.network import PumpedNode, SocketNetwork
 from dftc_rt.drives.interface import DriveConfig, SetUp
 from dftc_rt.errors import BusError, DriveError, InputError
@@ -63,8 +63,7 @@ class Cia402Client:
                 raise InputError(
                     drive.scale.joint, f"node id {drive.node_id} is taken on {network.socket.name}"
                 )
-            dictionary = canopen.import_od(str(od.EDS_PATH), drive.node_id)
-            node = PumpedNode(drive.node_id, dictionary)
+            node = PumpedNode(drive.node_id, dictionary(drive.node_id))
             network[drive.node_id] = node
             self._nodes.append(node)
 

@@ -106,7 +106,7 @@ class PumpedSdoClient(SdoClient):
         assert isinstance(network, SocketNetwork)
         if not network.wait_for(lambda: not self.responses.empty()):
             raise SdoCommunicationError("no SDO response")
-        response: bytes = super().read_response()
+        response: bytes = super().read_response()  # type: ignore[no-untyped-call]
         return response
 
 
@@ -115,6 +115,8 @@ class PumpedNode(canopen.RemoteNode):
 
     def add_sdo(self, rx_cobid: int, tx_cobid: int) -> PumpedSdoClient:
         """Add an SDO channel."""
-        client = PumpedSdoClient(rx_cobid, tx_cobid, self.object_dictionary)
+        client = PumpedSdoClient(  # type: ignore[no-untyped-call]
+            rx_cobid, tx_cobid, self.object_dictionary
+        )
         self.sdo_channels.append(client)
         return client
