@@ -47,5 +47,5 @@ def command(u: float, gain: float, counts: float, resolution: float, limit: floa
     """
     wanted = gain * u
     if resolution > 0.0:
-        return math.floor(min(max(wanted / resolution, -counts), counts) + 0.5) * resolution
+        wanted = math.floor(min(max(wanted / resolution, -counts), counts) + 0.5) * resolution
     return min(max(wanted, -limit), limit)

@@ -99,6 +99,6 @@ class ComputedTorque:
             return NONFINITE_LAW
         rec[TAU_LAW] = u
         rounded = np.clip(np.floor(u / self._resolution + 0.5), -self._counts, self._counts)
-        clipped = np.clip(u, -self._limit, self._limit)
-        rec[TAU_CMD] = np.where(self._stepped, rounded * self._resolution, clipped)
+        told = np.where(self._stepped, rounded * self._resolution, u)
+        rec[TAU_CMD] = np.clip(told, -self._limit, self._limit)
         return 0

@@ -31,7 +31,7 @@ def test_gaussian_is_the_papers() -> None:
     x, b = np.array([0.3, -0.8]), 0.5
     out = np.empty(7)
     basis.gaussian(x[0], x[1], centres, 1 / b, 1 / b, out)
-    expected = np.exp(-np.linalg.norm(x - centres, axis=1) ** 2 / (2 * b**2))
+    expected = np.exp(-(np.linalg.norm(x - centres, axis=1) ** 2) / (2 * b**2))
     np.testing.assert_allclose(out, expected, rtol=1e-14)
 
 
