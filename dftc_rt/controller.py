@@ -16,9 +16,9 @@ from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.config.scenario import Scenario
 from dftc_rt.control import laws, signals
 from dftc_rt.control.interface import Law
-from dftc_rt.drives.interface import profile
+from dftc_rt.drives.interface import SetUp, profile
 from dftc_rt.drives.scale import TORQUE_PER_COUNT, ScaleTable
-from dftc_rt.drives.wiring import bus_members, bus_names, joint_scales
+from dftc_rt.drives.wiring import bus_members, bus_names, drive_configs, joint_scales
 from dftc_rt.dynamics.local_terms import LocalTerms
 from dftc_rt.dynamics.model import Robot
 from dftc_rt.dynamics.tabulated import TabulatedTerms
@@ -170,21 +170,18 @@ def connect(
         else read_budget * period
     )
     warm_up(scenario, parts)
-    joints = robot.joint_config
-    setup = profile(scenario.bus.profile).setup(
+    chosen = profile(scenario.bus.profile)
+    drives = drive_configs(robot.joint_config)
+    rate = scenario.executor.rate_hz
+    found = chosen.setup(sockets, drives, rate).configure()
+    link = DriveLink(
         sockets,
-        [bus_members(joints, name) for name in bus_names(joints)],
-        [j.node_id for j in joints],
-        joint_scales(joints),
-        period_s=period,
+        chosen.cycle(drives, len(sockets), rate),
+        clock,
+        budget_s,
+        lambda source, text: event(0.0, 2, source, text),
     )
-    setup.configure()
-    q0 = setup.positions()
-    setup.close()
-    link = _drive_link(
-        scenario, parts, sockets, clock, budget_s, lambda source, text: event(0.0, 2, source, text)
-    )
-    link.start(q0)
+    link.start(found)
     parts.reference.start(link.q)
     table = _tabulate(scenario, parts) if scenario.control.local_terms == "tabulated" else None
     executor = Executor(
@@ -192,27 +189,6 @@ def connect(
         parts.terms, table, sink, event, stop_requested,
     )  # fmt: skip
     return executor
-
-
-def _drive_link(
-    scenario: Scenario,
-    parts: Parts,
-    sockets: Sequence[FrameSocket],
-    clock: Clock,
-    budget_s: float,
-    event: Callable[[str, str], object],
-) -> DriveLink:
-    joints = parts.robot.joint_config
-    return DriveLink(
-        sockets,
-        [bus_members(joints, name) for name in bus_names(joints)],
-        np.array([j.node_id for j in joints], dtype=np.int64),
-        parts.scales,
-        clock,
-        1.0 / scenario.executor.rate_hz,
-        budget_s,
-        event,
-    )
 
 
 def _tabulate(scenario: Scenario, parts: Parts) -> TabulatedTerms | None:
@@ -239,15 +215,14 @@ def _tabulate(scenario: Scenario, parts: Parts) -> TabulatedTerms | None:
 def warm_up(scenario: Scenario, parts: Parts) -> None:
     """Call everything the loop calls once, so that nothing compiles or loads in it."""
     robot, n = parts.robot, parts.robot.n
-    joints = robot.joint_config
-    pairs = [in_process_link(name) for name in bus_names(joints)]
-    link = _drive_link(
-        scenario, parts, [near for near, _ in pairs], FakeClock(), 0.0, lambda *_: None
-    )
-    link.start(robot.home)
+    drives = drive_configs(robot.joint_config)
+    pairs = [in_process_link(name) for name in bus_names(robot.joint_config)]
+    cycle = profile(scenario.bus.profile).cycle(drives, len(pairs), scenario.executor.rate_hz)
+    link = DriveLink([near for near, _ in pairs], cycle, FakeClock(), 0.0, lambda *_: None)
+    link.start(SetUp(np.zeros(n, dtype=np.int64), parts.scales.position_counts(robot.home)))
     feedback = frame_buffer(1)
-    for name, (_, far) in zip(bus_names(joints), pairs, strict=True):
-        node = joints[int(bus_members(joints, name)[0])].node_id
+    for bus, (_, far) in enumerate(pairs):
+        node = next(drive.node_id for drive in drives if drive.bus == bus)
         feedback.view("<u4")[0, :2] = 0x180 + node, 8
         far.send(feedback, 1)
     supervisor = Supervisor(scenario.supervisor, parts.torque_limit, 1.0)

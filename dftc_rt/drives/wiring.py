@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dftc_rt.config.robot import JointConfig
+from dftc_rt.drives.interface import DriveConfig
 from dftc_rt.drives.scale import JointScale
 
 
@@ -28,6 +29,19 @@ def joint_scales(joints: Sequence[JointConfig]) -> list[JointScale]:
             zero_offset_rad=j.zero_offset_rad,
         )
         for j in joints
+    ]
+
+
+def drive_configs(joints: Sequence[JointConfig]) -> list[DriveConfig]:
+    """Return the drives, in joint order, with their buses by index.
+
+    Raises:
+        InputError: A value is out of what the drive can express.
+    """
+    names = bus_names(joints)
+    return [
+        DriveConfig(j.node_id, names.index(j.bus), scale)
+        for j, scale in zip(joints, joint_scales(joints), strict=True)
     ]
 
 

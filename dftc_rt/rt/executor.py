@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from dftc_rt.config.scenario import Scenario
 from dftc_rt.control import interface, signals
+from dftc_rt.drives.interface import GOAL_OFF, GOAL_OPERATE, GOAL_STOP
 from dftc_rt.reference import Reference, stop_ramp
 from dftc_rt.rt import supervisor as sup
 from dftc_rt.rt.clock import NS, Clock
-from dftc_rt.rt.drive_link import DriveLink, Phase
+from dftc_rt.rt.drive_link import DriveLink
 from dftc_rt.rt.supervisor import State, Supervisor
 
 F64 = NDArray[np.float64]
@@ -181,7 +182,7 @@ class Executor:
             read_done = clock.now()
             self._update(k)
             computed = clock.now()
-            link.command(self._rec[signals.TAU_CMD])
+            link.command(self._rec[signals.TAU_CMD], self._state is not State.FAULT)
             self._rec[signals.TAU_CMD] = link.sent
             written = clock.now()
             counters.cycles += 1
@@ -197,6 +198,7 @@ class Executor:
         rec[signals.Q], rec[signals.V] = link.q, link.v
         self._law.start(link.q, link.v)
         self._ramp_from[0] = link.q
+        link.goal = GOAL_OPERATE
         self._enter(State.ARM, 0, INFO, "arming")
 
     def _next_tick(self, k: int, first_tick: int) -> int:
@@ -275,7 +277,7 @@ class Executor:
                 self._ramp_from[:] = self._desired
                 self._enter(State.FINISH, k, INFO, "duration reached, coming to rest")
         elif elapsed * self._period >= self._ramp_s:
-            self._link.phase = Phase.DISABLE
+            self._link.goal = GOAL_OFF
             self._enter(State.FAULT, k, INFO, "at rest, disabling the drives")
 
     def _interrupt(self, k: int, ramp: bool) -> None:
@@ -290,7 +292,7 @@ class Executor:
             self._ramp_from[:] = self._desired
             self._enter(State.SAFE_STOP, k, ERROR, f"safe stop: {reason}")
         else:
-            self._link.phase = Phase.QUICK_STOP
+            self._link.goal = GOAL_STOP
             self._enter(State.FAULT, k, ERROR, f"quick stop: {reason}")
 
     def _enter(self, state: State, k: int, severity: int, text: str) -> None:

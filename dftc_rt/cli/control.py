@@ -1,0 +1,116 @@
+"""``dftc control``: the controller alone, for real drives or a rig that runs elsewhere."""
+
+from __future__ import annotations
+
+import functools
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from dftc_rt.bus import unix
+from dftc_rt.bus.directory import check_directory, resolve_directory
+from dftc_rt.bus.interface import FrameSocket
+from dftc_rt.bus.link_kind import link_kind
+from dftc_rt.bus.select import vcan_name
+from dftc_rt.bus.socketcan import SocketCanSocket
+from dftc_rt.cli import session
+from dftc_rt.cli.hil import finish, log_path
+from dftc_rt.cli.processes import roles
+from dftc_rt.cli.processes.child import Flags
+from dftc_rt.cli.processes.launcher import Launcher
+from dftc_rt.cli.processes.roles import Rings
+from dftc_rt.cli.status import Status
+from dftc_rt.drives.wiring import bus_names
+from dftc_rt.errors import EnvironmentLacksError, InputError
+
+_EXPECTED = "unix, vcan, or socketcan:can0,can1,… with one interface a bus"
+
+
+def control(
+    scenario: str | Path,
+    *,
+    bus: str,
+    bus_dir: str | Path | None = None,
+    lockstep: bool = False,
+    log: str | Path | None = None,
+    set_: Sequence[str] = (),
+    report: bool = True,
+    json: bool = False,
+) -> int:
+    """Control drives on a bus that is named outright: this moves whatever is there.
+
+    Example:
+        dftc control panda_shoulder_loss --bus unix
+
+    Args:
+        scenario: Scenario file, or the name of a shipped one; its [rig] and faults are
+            the rig's affair and unused here.
+        bus: unix, vcan, or socketcan:can0,can1,… with one interface for each of the
+            robot's buses, in their order. There is no default.
+        bus_dir: Directory of the user-space buses; default as for ``dftc rig``.
+        lockstep: Pace by barriers; the rig must run in lock-step too.
+        log: MCAP file to write; default: logs/<scenario>-<time>.mcap.
+        set_: Override a key, ``a.b=value``; may be repeated.
+        report: Write an HTML report beside the log.
+        json: Print one JSON object on stdout.
+
+    Returns:
+        Exit code.
+
+    Raises:
+        InputError: The scenario or the bus is wrong.
+        EnvironmentLacksError: The machine lacks what was asked for.
+    """
+    opened = session.open_session(scenario, set_)
+    names = bus_names(opened.robot.joint_config)
+    connect = functools.partial(_join, names, bus, bus_dir)
+    for socket in connect():  # fail here, in one line, rather than in a child
+        socket.close()
+    path = log_path(opened, log)
+    rings, flags = Rings.create(opened), Flags()
+    epoch_ns = 0 if lockstep else time.time_ns()
+    print(f"bus: {bus}", file=sys.stderr, flush=True)
+    with Status(opened, quiet=json or lockstep) as status:
+        ended = Launcher(
+            rings,
+            flags,
+            functools.partial(roles.controller, opened, connect, rings, flags, lockstep=lockstep),
+            None,
+            lambda file: roles.recorder(opened, file, epoch_ns, rings, with_rig=False),
+            path,
+            status.watch,
+        ).run()
+    return finish(opened, ended, report=report, json=json)
+
+
+def _join(names: Sequence[str], bus: str, bus_dir: str | Path | None) -> list[FrameSocket]:
+    """Open every bus.
+
+    Raises:
+        InputError: The bus is not spelled as it must be, or is not what it says.
+        BusError: A bus is not there.
+    """
+    if bus == "unix":
+        directory = resolve_directory(bus_dir)
+        check_directory(directory)
+        return [unix.connect(name, directory) for name in names]
+    if bus == "vcan":
+        interfaces = [vcan_name(name) for name in names]
+        for interface in interfaces:
+            if link_kind(interface) != "vcan":
+                raise EnvironmentLacksError(
+                    f"no vcan interface {interface}",
+                    f"ip link add {interface} type vcan && ip link set {interface} up, as root",
+                )
+    elif bus.startswith("socketcan:"):
+        interfaces = bus.removeprefix("socketcan:").split(",")
+        if len(interfaces) != len(names) or not all(interfaces):
+            raise InputError(
+                "--bus",
+                f"'{bus}' names {len(interfaces)} interfaces",
+                f"{len(names)}, for {', '.join(names)}",
+            )
+    else:
+        raise InputError("--bus", f"'{bus}'", _EXPECTED)
+    return [SocketCanSocket(n, i) for n, i in zip(names, interfaces, strict=True)]

@@ -1,0 +1,201 @@
+"""``dftc hil``: rig, controller and recorder as processes, over a virtual bus, in real time."""
+
+from __future__ import annotations
+
+import functools
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dftc_rt.analysis.report import write_report
+from dftc_rt.bus.interface import FrameSocket
+from dftc_rt.bus.select import BusChoice, choose_bus
+from dftc_rt.cli import session
+from dftc_rt.cli.processes import roles
+from dftc_rt.cli.processes.buses import RigBuses, join, make_rig
+from dftc_rt.cli.processes.child import Flags
+from dftc_rt.cli.processes.launcher import Ended, Launcher
+from dftc_rt.cli.processes.roles import Rings
+from dftc_rt.cli.session import Session
+from dftc_rt.cli.status import Status
+from dftc_rt.drives.wiring import bus_names
+from dftc_rt.errors import DftcError, InputError
+from dftc_rt.log.reader import read
+from dftc_rt.rt.executor import Counters, Outcome
+from dftc_rt.rt.process import report_refused
+from hil.bus.port import BusPort
+from hil.rig import Rig
+from hil.simulate import in_process_rig
+
+
+def hil(
+    scenario: str | Path,
+    *,
+    bus: str | None = None,
+    lockstep: bool = False,
+    log: str | Path | None = None,
+    set_: Sequence[str] = (),
+    bus_dir: str | Path | None = None,
+    report: bool = True,
+    json: bool = False,
+) -> int:
+    """Run rig, controller and recorder; in real time unless ``lockstep``.
+
+    Ends with a summary, and names the log and the report that it wrote.
+
+    Example:
+        dftc hil panda_shoulder_loss --set duration_s=10
+
+    Args:
+        scenario: Scenario file, or the name of a shipped one.
+        bus: auto, vcan, unix or inprocess; default: as in the scenario.
+        lockstep: As fast as it goes, repeatable to the byte.
+        log: MCAP file to write; default: logs/<scenario>-<time>.mcap.
+        set_: Override a key, ``a.b=value``; may be repeated.
+        bus_dir: Directory of the user-space buses; default: a private one.
+        report: Write an HTML report beside the log.
+        json: Print one JSON object on stdout.
+
+    Returns:
+        Exit code.
+
+    Raises:
+        InputError: The scenario is wrong.
+        EnvironmentLacksError: The machine lacks what was asked for.
+    """
+    opened = session.open_session(scenario, set_)
+    choice = choose_bus(
+        bus or opened.scenario.bus.interface, bus_names(opened.robot.joint_config)
+    )
+    path = log_path(opened, log)
+    with tempfile.TemporaryDirectory(prefix="dftc-") as private:
+        buses = RigBuses(opened, choice)
+        directory = Path(bus_dir) if bus_dir is not None else Path(private)
+        buses.open(directory)
+        try:
+            where = f" in {directory}" if choice.kind == "unix" else ""
+            print(f"bus: {choice.reason}{where}", file=sys.stderr, flush=True)
+            with Status(opened, quiet=json or lockstep) as status:
+                ended = _launch(opened, choice, buses, path, lockstep, status)
+        finally:
+            buses.release()
+    return finish(opened, ended, report=report, json=json)
+
+
+def log_path(opened: Session, log: str | Path | None) -> Path:
+    """Return where to log, and make sure that it can be written there.
+
+    Raises:
+        InputError: The folder cannot be made.
+    """
+    if log is not None:
+        path = Path(log)
+    else:
+        stamp = time.strftime("%Y%m%d-%H%M%S")
+        path = Path("logs") / f"{opened.scenario.name}-{stamp}.mcap"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(str(path.parent), f"{error.strerror}", "a folder to log into") from None
+    if path.is_dir():
+        raise InputError(str(path), "is a folder", "a file to write")
+    return path
+
+
+def _launch(
+    opened: Session,
+    choice: BusChoice,
+    buses: RigBuses,
+    path: Path,
+    lockstep: bool,
+    status: Status,
+) -> Ended:
+    rings, flags = Rings.create(opened), Flags()
+    epoch_ns = 0 if lockstep else time.time_ns()
+    names = bus_names(opened.robot.joint_config)
+
+    def in_process() -> Sequence[FrameSocket]:
+        motion = np.empty((3, opened.robot.n))
+        opened.parts.reference.sample(0.0, motion)
+        made = in_process_rig(
+            opened.scenario, opened.robot, motion, rings.rig, rings.events[1].write,
+            None if lockstep else time.monotonic_ns,
+        )  # fmt: skip
+        return made.sockets
+
+    def over_buses() -> Sequence[FrameSocket]:
+        buses.let_go()
+        directory = buses.directory.path if buses.directory is not None else None
+        return join(names, choice, directory)
+
+    def build() -> tuple[Rig, Sequence[BusPort]]:
+        ports = buses.ports()
+        return make_rig(opened, ports, rings.rig, rings.events[1].write), ports
+
+    alone = choice.kind == "inprocess"
+    return Launcher(
+        rings,
+        flags,
+        functools.partial(
+            roles.controller, opened, in_process if alone else over_buses, rings, flags,
+            lockstep=lockstep,
+        ),
+        None if alone else functools.partial(
+            roles.rig, opened, build, rings, flags, lockstep=lockstep
+        ),
+        lambda file: roles.recorder(opened, file, epoch_ns, rings, with_rig=True),
+        path,
+        status.watch,
+    ).run()  # fmt: skip
+
+
+def outcome_of(ended: Ended) -> Outcome:
+    """Return how the run ended, whoever ended it."""
+    report = ended.controller
+    if "outcome" in report:
+        raw = report["outcome"]
+        return Outcome(raw["end_state"], raw["reason"], Counters(**raw["counters"]))
+    return Outcome("failed", report.get("error", "the controller ended without a word"))
+
+
+def finish(opened: Session, ended: Ended, *, report: bool, json: bool) -> int:
+    """Print what happened, write the report, and return the exit code."""
+    outcome = outcome_of(ended)
+    report_refused("controller", ended.controller.get("refused", []))
+    report_refused("rig", ended.rig.get("refused", []))
+    for line in ended.trouble:
+        print(line, file=sys.stderr)
+    if outcome.end_state == "failed":
+        print(outcome.reason, file=sys.stderr)
+    code = session.exit_code(outcome.end_state)
+    if outcome.end_state == "failed":
+        code = int(ended.controller.get("exit_code", 1))
+    facts: dict[str, Any] = {
+        "log": str(ended.logs[0]),
+        "logs": [str(path) for path in ended.logs],
+        "recorder_dropped": ended.recorder.get("dropped", {}),
+        "buses": ended.rig.get("buses", {}),
+    }
+    try:
+        run = read(ended.logs[0])
+        found = session.summarise(run, outcome, **facts)
+    except DftcError as error:
+        print(f"no summary: {error}", file=sys.stderr)
+        return code or 1
+    if report:
+        html = ended.logs[0].with_suffix(".html")
+        write_report(run, found, html)
+        found["report"] = str(html)
+    session.show(found, json)
+    if not json:
+        print(f"log:    {found['log']}")
+        if report:
+            print(f"report: {found['report']}")
+    if outcome.reason and outcome.end_state != "failed":
+        print(f"{outcome.end_state}: {outcome.reason}", file=sys.stderr)
+    return code

@@ -1,0 +1,110 @@
+"""Both ends of a run's buses, for each way of carrying them."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from dftc_rt.bus import unix
+from dftc_rt.bus.directory import BusDirectory
+from dftc_rt.bus.interface import FrameSocket
+from dftc_rt.bus.select import BusChoice
+from dftc_rt.bus.socketcan import SocketCanSocket
+from dftc_rt.cli.session import Session
+from dftc_rt.drives.wiring import bus_names
+from hil.bus.port import BusPort
+from hil.bus.socketcan import SocketCanPort
+from hil.bus.unix import UnixPort, listen
+from hil.rig import EventFunction, RecordSink, Rig, initial_state
+
+
+@dataclass
+class RigBuses:
+    """The rig's end: made before the processes, so that the controller can join at once.
+
+    Attributes:
+        choice: How frames are carried.
+        directory: Where the user-space buses live; None for vcan.
+    """
+
+    opened: Session
+    choice: BusChoice
+    directory: BusDirectory | None = None
+    _listeners: dict[str, socket.socket] = field(default_factory=dict)
+
+    def open(self, path: Path) -> None:
+        """Claim the directory and listen on every bus; nothing to do for vcan.
+
+        Raises:
+            InputError: The directory is in use or unsafe.
+            EnvironmentLacksError: It cannot be made.
+        """
+        if self.choice.kind == "unix":
+            self.directory = BusDirectory(path)
+            for name in bus_names(self.opened.robot.joint_config):
+                self._listeners[name] = listen(path, name)
+
+    def ports(self) -> list[BusPort]:
+        """Return the rig's ports; to be called in the rig's process.
+
+        Raises:
+            BusError: An interface is gone.
+        """
+        table = self.opened.scenario.bus
+        names = bus_names(self.opened.robot.joint_config)
+        if self.choice.kind == "unix":
+            return [
+                UnixPort(n, self._listeners[n], timing=table.timing, bitrate=table.bitrate)
+                for n in names
+            ]
+        return [
+            SocketCanPort(
+                n, self.choice.interfaces[n], timing=table.timing, bitrate=table.bitrate
+            )
+            for n in names
+        ]
+
+    def let_go(self) -> None:
+        """Close the listeners of a process that is not the rig."""
+        for listener in self._listeners.values():
+            listener.close()
+        self._listeners.clear()
+
+    def release(self) -> None:
+        """Give the directory back and remove what is in it."""
+        self.let_go()
+        if self.directory is not None:
+            self.directory.release()
+
+
+def make_rig(
+    opened: Session, ports: Sequence[BusPort], sink: RecordSink, event: EventFunction
+) -> Rig:
+    """Build the rig of a session.
+
+    Raises:
+        InputError: A value of ``[rig]`` or a fault does not fit the robot.
+    """
+    motion = np.empty((3, opened.robot.n))
+    opened.parts.reference.sample(0.0, motion)
+    q0, v0 = initial_state(opened.scenario, opened.robot, motion)
+    return Rig(opened.scenario, opened.robot, ports, q0, v0, sink, event)
+
+
+def join(
+    names: Sequence[str], choice: BusChoice, directory: Path | None
+) -> list[FrameSocket]:
+    """Open the controller's end of every bus.
+
+    Raises:
+        BusError: A bus is not there.
+    """
+    if choice.kind == "vcan":
+        return [SocketCanSocket(name, choice.interfaces[name]) for name in names]
+    if directory is None:
+        raise ValueError("the user-space bus needs a directory")
+    return [unix.connect(name, directory) for name in names]

@@ -1,0 +1,164 @@
+"""The launcher: owns memory, sockets and signals, and outlives the other processes.
+
+It starts recorder, rig and controller, turns SIGINT and SIGTERM into a safe stop, starts
+another recorder when one dies, waits for the controller, ends the rest in order, cleans
+up, and knows how it all ended.
+"""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from dftc_rt.cli.processes.child import Child, Flags
+from dftc_rt.cli.processes.roles import Rings
+
+_LOOK_S = 0.05
+_END_PATIENCE_S = 5.0
+_STOP_PATIENCE_S = 10.0
+_RECORDERS = 5
+
+Function = Callable[[], dict[str, Any]]
+
+
+@dataclass
+class Ended:
+    """How the processes ended.
+
+    Attributes:
+        controller: The controller's report, with ``error`` when it failed.
+        rig: The rig's report.
+        recorder: The last recorder's report.
+        logs: Files written; more than one when a recorder had to be started again.
+        trouble: One line for each thing that went wrong besides.
+        interrupted: Whether the operator stopped the run.
+        rig_failed: The rig ended before the controller.
+    """
+
+    controller: dict[str, Any] = field(default_factory=dict)
+    rig: dict[str, Any] = field(default_factory=dict)
+    recorder: dict[str, Any] = field(default_factory=dict)
+    logs: list[Path] = field(default_factory=list)
+    trouble: list[str] = field(default_factory=list)
+    interrupted: bool = False
+    rig_failed: bool = False
+
+
+class Launcher:
+    """Runs controller, rig and recorder as processes of their own."""
+
+    def __init__(
+        self,
+        rings: Rings,
+        flags: Flags,
+        controller: Function,
+        rig: Function | None,
+        recorder: Callable[[Path], dict[str, Any]],
+        log: Path,
+        watch: Callable[[Rings], None],
+    ) -> None:
+        """Prepare; :meth:`run` starts.
+
+        Args:
+            rings: Shared memory of the run.
+            flags: Shared flags.
+            controller: Runs in ``dftc-controller``.
+            rig: Runs in ``dftc-rig``; None when there is none of its own.
+            recorder: Runs in ``dftc-recorder``, given the file to write.
+            log: First file.
+            watch: Called a few times a second while the controller runs.
+        """
+        self._rings = rings
+        self._flags = flags
+        self._roles = (controller, rig, recorder)
+        self._log = log
+        self._watch = watch
+        self._ended = Ended()
+        self._requested_at = 0.0
+
+    def run(self) -> Ended:
+        """Start everything, wait for the controller's end, and end everything."""
+        controller_role, rig_role, recorder_role = self._roles
+        before = {s: signal.signal(s, self._on_signal) for s in (signal.SIGINT, signal.SIGTERM)}
+        children: list[Child] = []
+        try:
+            recorder = self._start_recorder(recorder_role)
+            children.append(recorder)
+            rig = Child("dftc-rig", rig_role) if rig_role is not None else None
+            if rig is not None:
+                children.append(rig)
+            controller = Child("dftc-controller", controller_role)
+            children.append(controller)
+            while controller.poll() is None:
+                time.sleep(_LOOK_S)
+                if rig is not None and rig.poll() is not None and not self._ended.rig_failed:
+                    self._ended.rig_failed = True
+                    self._trouble(rig.report.get("error", "dftc-rig ended early"))
+                if recorder.poll() is not None and len(self._ended.logs) < _RECORDERS:
+                    self._trouble(
+                        recorder.report.get("error", "dftc-recorder ended early")
+                        + "; another one goes on"
+                    )
+                    recorder = self._start_recorder(recorder_role)
+                    children.append(recorder)
+                self._watch(self._rings)
+                if self._requested_at and time.monotonic() - self._requested_at > _STOP_PATIENCE_S:
+                    self._trouble("dftc-controller did not stop when asked; it was killed")
+                    controller.kill()
+            self._ended.controller = controller.report
+            self._rings.cycle.end()
+            self._rings.events[0].end()
+            self._flags.end = True
+            if rig is not None:
+                self._ended.rig = self._finish(rig)
+            self._rings.rig.end()
+            for ring in self._rings.events:
+                ring.end()
+            self._ended.recorder = self._finish(recorder)
+        finally:
+            for child in children:
+                child.kill()
+            for number, handler in before.items():
+                signal.signal(number, handler)
+        return self._ended
+
+    def _start_recorder(self, role: Callable[[Path], dict[str, Any]]) -> Child:
+        number = len(self._ended.logs) + 1
+        path = self._log if number == 1 else self._log.with_suffix(f".{number}.mcap")
+        self._ended.logs.append(path)
+        return Child("dftc-recorder", lambda: role(path))
+
+    def _finish(self, child: Child) -> dict[str, Any]:
+        """Wait for a child that should end by itself now; kill it when it does not."""
+        deadline = time.monotonic() + _END_PATIENCE_S
+        while child.poll() is None:
+            if time.monotonic() > deadline:
+                self._trouble(f"{child.name} did not end; it was killed")
+                child.kill()
+                break
+            time.sleep(0.005)
+        if "error" in child.report and not (child.name == "dftc-rig" and self._ended.rig_failed):
+            self._trouble(child.report["error"])
+        return child.report
+
+    def _trouble(self, text: str) -> None:
+        self._ended.trouble.append(text)
+        ring = self._rings.events[2]
+        ring.write(self._now(), 3, "launcher", text)
+
+    def _now(self) -> float:
+        newest = self._rings.cycle.latest()
+        return float(newest[0]) if newest is not None else 0.0
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        self._ended.interrupted = True
+        self._flags.stop = True
+        if not self._requested_at:
+            self._requested_at = time.monotonic()
+
+

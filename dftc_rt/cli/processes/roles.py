@@ -1,0 +1,197 @@
+"""What each child process of a run does, as plain functions."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from dftc_rt.bus.interface import FrameSocket
+from dftc_rt.cli.processes.child import Flags, on_sigterm
+from dftc_rt.cli.session import Session
+from dftc_rt.controller import connect
+from dftc_rt.errors import BusError
+from dftc_rt.log.process import record
+from dftc_rt.ring import EventRing, Ring
+from dftc_rt.rt.clock import Clock, LockstepClock, RealClock
+from dftc_rt.rt.process import RealTime, last_core
+from hil.bus.port import BusPort
+from hil.loop import run_lockstep, run_wall
+from hil.rig import Rig
+
+CONTROLLER_PRIORITY = 80
+RIG_PRIORITY = 81  # it is the hardware: it answers before the controller goes on
+_ORPHAN_PATIENCE_S = 3.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Rings:
+    """Shared memory of a run.
+
+    Attributes:
+        cycle: The controller's records.
+        rig: The rig's records.
+        events: One ring a writer: controller, rig, launcher.
+    """
+
+    cycle: Ring
+    rig: Ring
+    events: tuple[EventRing, EventRing, EventRing]
+
+    @classmethod
+    def create(cls, opened: Session) -> Rings:
+        """Make the rings; at 1 kHz they hold eight seconds."""
+        return cls(
+            Ring.create("dftc-cycle", 8192, opened.cycle.size),
+            Ring.create("dftc-rig", 8192, opened.rig.size),
+            (
+                EventRing.create("dftc-events-controller"),
+                EventRing.create("dftc-events-rig"),
+                EventRing.create("dftc-events-launcher"),
+            ),
+        )
+
+
+def controller(
+    opened: Session,
+    connect_buses: Callable[[], Sequence[FrameSocket]],
+    rings: Rings,
+    flags: Flags,
+    *,
+    lockstep: bool,
+) -> dict[str, Any]:
+    """Run the controller; the whole of ``dftc-controller``.
+
+    Args:
+        opened: The session.
+        connect_buses: Opens the controller's sockets, in the order of ``bus_names``.
+        rings: Where records and events go.
+        flags: ``stop`` asks for a safe stop.
+        lockstep: No waiting, no real-time settings.
+
+    Returns:
+        The outcome, and what the system refused.
+    """
+
+    def stop() -> None:
+        flags.stop = True
+
+    on_sigterm(stop)
+    events = rings.events[0]
+    clock: Clock = LockstepClock() if lockstep else RealClock()
+    refused: list[str] = []
+    real_time: RealTime | None = None
+    try:
+        executor = connect(
+            opened.scenario, opened.parts, connect_buses(), clock, rings.cycle, events.write,
+            lambda: flags.stop,
+        )  # fmt: skip
+        if not lockstep:
+            real_time = RealTime(CONTROLLER_PRIORITY, last_core())
+            refused = real_time.refused
+        flags.running = True
+        try:
+            outcome = executor.run()
+        except BusError as error:
+            outcome = executor.outcome
+            outcome.end_state, outcome.reason = "safe stop", f"bus lost: {error}"
+            events.write(rings.cycle.written * 1e-3, 3, "controller", outcome.reason)
+    finally:
+        flags.running = False
+        rings.cycle.end()
+        events.end()
+        if real_time is not None:
+            real_time.release()
+    return {"outcome": dataclasses.asdict(outcome), "refused": refused}
+
+
+def rig(
+    opened: Session,
+    build: Callable[[], tuple[Rig, Sequence[BusPort]]],
+    rings: Rings,
+    flags: Flags,
+    *,
+    lockstep: bool,
+) -> dict[str, Any]:
+    """Run the rig; the whole of ``dftc-rig``.
+
+    Args:
+        opened: The session.
+        build: Makes the rig and its ports.
+        rings: Where records and events go.
+        flags: ``end`` asks the rig to end.
+        lockstep: Rig time moves by barriers only; no real-time settings.
+
+    Returns:
+        What happened on the buses, and what the system refused.
+    """
+    orphaned_at = [0.0]
+
+    def orphaned() -> None:
+        # The launcher has gone. The controller stops safely by itself and needs us for it.
+        orphaned_at[0] = time.monotonic()
+
+    def ended() -> bool:
+        return flags.end or (
+            orphaned_at[0] > 0.0 and time.monotonic() - orphaned_at[0] > _ORPHAN_PATIENCE_S
+        )
+
+    on_sigterm(orphaned)
+    refused: list[str] = []
+    real_time: RealTime | None = None
+    ports: Sequence[BusPort] = ()
+    try:
+        made, ports = build()
+        if lockstep:
+            run_lockstep(made, ports, ended)
+        else:
+            real_time = RealTime(RIG_PRIORITY, last_core())
+            refused = real_time.refused
+            run_wall(made, ports, ended)
+        return {
+            "refused": refused,
+            "stalls": made.stalls,
+            "buses": {port.name: dataclasses.asdict(port.statistics) for port in ports},
+        }
+    finally:
+        rings.rig.end()
+        rings.events[1].end()
+        for port in ports:
+            port.close()
+        if real_time is not None:
+            real_time.release()
+
+
+def recorder(
+    opened: Session, path: Path, epoch_ns: int, rings: Rings, *, with_rig: bool
+) -> dict[str, Any]:
+    """Drain the rings into the log; the whole of ``dftc-recorder``.
+
+    Args:
+        opened: The session.
+        path: File to write.
+        epoch_ns: Unix time of t = 0, ns.
+        rings: What to drain.
+        with_rig: Whether there is a rig whose truth is logged.
+
+    Returns:
+        Counts, and records dropped by ring.
+
+    Raises:
+        LogError: The file cannot be written.
+        EnvironmentLacksError: The disk is full.
+    """
+    orphaned_at = [0.0]
+
+    def orphaned() -> None:
+        orphaned_at[0] = time.monotonic()
+
+    def stop() -> bool:
+        return orphaned_at[0] > 0.0 and time.monotonic() - orphaned_at[0] > _ORPHAN_PATIENCE_S
+
+    on_sigterm(orphaned)
+    with opened.recorder(path, epoch_ns, with_rig) as log:
+        done = record(rings.cycle, rings.rig if with_rig else None, rings.events, log, stop)
+    return dataclasses.asdict(done)

@@ -1,0 +1,110 @@
+"""``dftc rig``: the emulated robot alone, for somebody else's controller."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from types import FrameType
+
+import msgspec
+
+from dftc_rt.bus.directory import resolve_directory
+from dftc_rt.bus.select import choose_bus
+from dftc_rt.cli import session
+from dftc_rt.cli.processes.buses import RigBuses, make_rig
+from dftc_rt.drives.wiring import bus_names
+from dftc_rt.errors import InputError
+from dftc_rt.ring import EventRing, Ring
+from dftc_rt.rt.process import RealTime, last_core, name_process, report_refused
+from hil.loop import run_lockstep, run_wall
+
+
+def rig(
+    scenario: str | Path,
+    *,
+    bus: str | None = None,
+    bus_dir: str | Path | None = None,
+    lockstep: bool = False,
+    set_: Sequence[str] = (),
+    json: bool = False,
+) -> int:
+    """Serve the emulated robot until SIGINT or SIGTERM.
+
+    The user-space buses are sockets in one directory: ``--bus-dir``, else $DFTC_BUS_DIR,
+    else $XDG_RUNTIME_DIR/dftc or /tmp/dftc-<uid>.
+
+    Example:
+        dftc rig panda_shoulder_loss --bus unix
+
+    Args:
+        scenario: Scenario file, or the name of a shipped one.
+        bus: auto, vcan or unix; default: as in the scenario.
+        bus_dir: Directory of the user-space buses.
+        lockstep: Rig time moves by the controller's barriers only.
+        set_: Override a key, ``a.b=value``; may be repeated.
+        json: Print one JSON object on stdout at the end.
+
+    Returns:
+        Exit code 0.
+
+    Raises:
+        InputError: The scenario or the directory is wrong.
+        EnvironmentLacksError: The machine lacks what was asked for.
+    """
+    opened = session.open_session(scenario, set_)
+    names = bus_names(opened.robot.joint_config)
+    choice = choose_bus(bus or opened.scenario.bus.interface, names)
+    if choice.kind == "inprocess":
+        raise InputError("--bus", "'inprocess'", "vcan or unix: a rig alone is another process")
+    buses = RigBuses(opened, choice)
+    directory = resolve_directory(bus_dir)
+    buses.open(directory)
+    name_process("dftc-rig")
+    truth = Ring.create("dftc-rig", 4096, opened.rig.size)
+    events = EventRing.create("dftc-events-rig")
+    ended = [False]
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        ended[0] = True
+
+    before = {s: signal.signal(s, stop) for s in (signal.SIGINT, signal.SIGTERM)}
+    real_time: RealTime | None = None
+    try:
+        ports = buses.ports()
+        made = make_rig(opened, ports, truth, events.write)
+        where = f" in {directory}" if choice.kind == "unix" else ""
+        print(
+            f"{opened.robot.name}: {opened.robot.n} drives on {', '.join(names)}; "
+            f"{choice.reason}{where}; Ctrl-C ends",
+            file=sys.stderr,
+            flush=True,
+        )
+        if lockstep:
+            run_lockstep(made, ports, lambda: ended[0])
+        else:
+            real_time = RealTime(81, last_core())
+            report_refused("rig", real_time.refused)
+            run_wall(made, ports, lambda: ended[0])
+        found = {
+            "rig_time_s": made.t,
+            "steps": made.steps,
+            "stalls": made.stalls,
+            "buses": {port.name: msgspec.to_builtins(port.statistics) for port in ports},
+        }
+        for port in ports:
+            port.close()
+    finally:
+        buses.release()
+        if real_time is not None:
+            real_time.release()
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if json:
+        sys.stdout.write(msgspec.json.encode(found).decode() + "\n")
+    else:
+        print(f"served {made.steps} cycles in {made.t:.3f} s of rig time")
+    return 0
+
+
