@@ -1,0 +1,1 @@
+"""Benchmarks, each number beside its floor from the same run: ``make benchmark``."""
