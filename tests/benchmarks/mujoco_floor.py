@@ -97,7 +97,10 @@ def _about(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
     """Rotation by ``angle`` about a unit ``axis``, (3, 3); Rodrigues' formula."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+    rotation: NDArray[np.float64] = (
+        np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+    )
+    return rotation
 
 
 def _from_rpy(rpy: list[float]) -> NDArray[np.float64]:
