@@ -12,8 +12,31 @@ from hil.rig import Rig
 _LOOK_S = 0.1  # how often a lock-step rig looks whether it should end
 
 
-def _watch(ports: Sequence[BusPort]) -> tuple[Waiter, int]:
-    return Waiter([fd for port in ports for fd in port.fds()]), _version(ports)
+class _Watch:
+    """Waits for any port; knows which ones have something."""
+
+    def __init__(self, ports: Sequence[BusPort]) -> None:
+        self._ports = ports
+        self._renew()
+
+    def _renew(self) -> None:
+        self._version = _version(self._ports)
+        fds: list[int] = []
+        self._spans: list[range] = []
+        for port in self._ports:
+            own = port.fds()
+            self._spans.append(range(len(fds), len(fds) + len(own)))
+            fds += own
+        self._waiter = Waiter(fds)
+
+    def wait(self, timeout_s: float) -> list[int]:
+        """Return the indices of the ports that have something to receive."""
+        if _version(self._ports) != self._version:
+            self._renew()
+        if not self._waiter.wait(timeout_s):
+            return []
+        ready = self._waiter.ready
+        return [bus for bus, span in enumerate(self._spans) if any(map(ready, span))]
 
 
 def _version(ports: Sequence[BusPort]) -> int:
@@ -26,12 +49,10 @@ def run_lockstep(rig: Rig, ports: Sequence[BusPort], ended: Callable[[], bool]) 
     Raises:
         BusError: A bus has gone away.
     """
-    waiter, version = _watch(ports)
+    watch = _Watch(ports)
     while not ended():
         rig.service_lockstep()
-        if _version(ports) != version:
-            waiter, version = _watch(ports)
-        waiter.wait(_LOOK_S)
+        watch.wait(_LOOK_S)
     rig.service_lockstep()
 
 
@@ -41,14 +62,11 @@ def run_wall(rig: Rig, ports: Sequence[BusPort], ended: Callable[[], bool]) -> N
     Raises:
         BusError: A bus has gone away.
     """
-    waiter, version = _watch(ports)
+    watch = _Watch(ports)
     while not ended():
-        patience = rig.patience_s
-        came = waiter.wait(patience)
+        ready = watch.wait(rig.patience_s)
         now = time.monotonic_ns()
-        if came:
-            rig.service_wall(now)
-            if _version(ports) != version:
-                waiter, version = _watch(ports)
+        if ready:
+            rig.service_wall(now, ready)
         if rig.overdue(now):
             rig.idle_wall(now)

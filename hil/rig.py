@@ -73,6 +73,7 @@ class Rig:
     Attributes:
         plant: The true robot.
         drives: The emulated drives.
+        ports: Their end of each bus.
         steps: Steps done, 0 before the first SYNC.
     """
 
@@ -120,7 +121,7 @@ class Rig:
         )
         self._sensors = Sensors(scenario.rig.drive, table, scenario.seed, n)
         self._sensors.preset(self.plant.q, self.drives.objects)
-        self._ports = list(ports)
+        self.ports = list(ports)
         self._sink = sink
         self._event = event
         self._inbox = frame_buffer(_CAPACITY)
@@ -152,48 +153,49 @@ class Rig:
         Raises:
             BusError: A bus has gone away.
         """
-        for bus, port in enumerate(self._ports):
+        for bus, port in enumerate(self.ports):
             self._take(bus, port)
-        if not all(port.barrier_pending for port in self._ports):
+        if not all(port.barrier_pending for port in self.ports):
             return False
-        cycles = [port.pop_barrier() for port in self._ports]
+        cycles = [port.pop_barrier() for port in self.ports]
         stepped = any(self._synced)
         if stepped:
             if self.steps:
                 self.plant.advance(self._substeps)
             self._latch()
-            for bus, port in enumerate(self._ports):
+            for bus, port in enumerate(self.ports):
                 self._answer(bus, port)
                 self._synced[bus] = False
-        for port, cycle in zip(self._ports, cycles, strict=True):
+        for port, cycle in zip(self.ports, cycles, strict=True):
             port.send_barrier(cycle or 0)
         return stepped
 
     # -- wall time ----------------------------------------------------------------------
 
-    def service_wall(self, now: int) -> None:
+    def service_wall(self, now: int, ready: Sequence[int]) -> None:
         """Take what has come and answer at once; the plant follows the clock.
 
         Args:
             now: CLOCK_MONOTONIC, ns.
+            ready: Indices of the buses on which something has come.
 
         Raises:
             BusError: A bus has gone away.
         """
-        for bus, port in enumerate(self._ports):
-            while True:
-                count = port.receive(self._inbox)
-                if not count:
-                    break
-                row = 0
-                while row < count:
-                    row = self.drives.receive(bus, self._inbox, row, count)
-                    if self.drives.synced:
-                        if not self.steps or now - self._last_step > 0.5 * self._period * NS:
-                            self._step_wall(now)
-                        else:
-                            self._actuate()
+        for bus in ready:
+            port = self.ports[bus]
+            count = port.receive(self._inbox)
+            row = 0
+            while row < count:
+                row = self.drives.receive(bus, self._inbox, row, count)
+                if self.drives.synced:
+                    if not self.steps or now - self._last_step > 0.5 * self._period * NS:
+                        self._step_wall(now)
+                    else:
+                        self._actuate()
                     self._answer(bus, port)
+            if not self.drives.synced:
+                self._answer(bus, port)
 
     def idle_wall(self, now: int) -> None:
         """Let time pass without SYNC: the plant moves on and the watchdogs run.
@@ -204,7 +206,7 @@ class Rig:
         if not self.steps:
             return
         self._step_wall(now)
-        for bus, port in enumerate(self._ports):
+        for bus, port in enumerate(self.ports):
             self._answer(bus, port)
 
     @property

@@ -67,4 +67,4 @@ def in_process_rig(
 
 
 def _serve_wall(rig: Rig, clock: Callable[[], int]) -> None:
-    rig.service_wall(clock())
+    rig.service_wall(clock(), range(len(rig.ports)))

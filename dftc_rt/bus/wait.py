@@ -78,6 +78,11 @@ class Waiter:
             timeout_s = deadline - time.monotonic()
 
 
+    def ready(self, index: int) -> bool:
+        """Return whether the descriptor at ``index`` was ready when ``wait`` last returned."""
+        return bool(self._fds[index].revents)
+
+
 def wait(sockets: Sequence[FrameSocket], timeout_s: float) -> bool:
     """Block until one of ``sockets`` can be received from, or ``timeout_s`` seconds passed.
 

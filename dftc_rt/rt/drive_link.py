@@ -197,6 +197,7 @@ class DriveLink:
     def _until_answered(self, latest: int) -> None:
         """Receive until every joint has answered or the read budget ends."""
         cycle = self._cycle
+        self._waiter.wait(max(latest - self._clock.now(), 0) * 1e-9)
         while True:
             missing = 0
             for bus in self._buses:

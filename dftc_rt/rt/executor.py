@@ -186,7 +186,8 @@ class Executor:
             self._rec[signals.TAU_CMD] = link.sent
             written = clock.now()
             counters.cycles += 1
-            self._record(k, started - deadline, computed - read_done,
+            lateness = 0 if clock.lockstep else started - deadline
+            self._record(k, lateness, computed - read_done,
                          read_done - started + written - computed)  # fmt: skip
             k = self._next_tick(k, first_tick)
         counters.missed = link.missed

@@ -22,7 +22,10 @@ from hil.loop import run_lockstep, run_wall
 from hil.rig import Rig
 
 CONTROLLER_PRIORITY = 80
-RIG_PRIORITY = 81  # it is the hardware: it answers before the controller goes on
+# Equal, on one core: the controller sends SYNC on all its buses and blocks, then the rig
+# serves them in one go. Above it, the rig would wake up for each bus; below, it would be
+# starved by a controller that spins.
+RIG_PRIORITY = 80
 _ORPHAN_PATIENCE_S = 3.0
 
 
