@@ -12,8 +12,9 @@ q_<joint n>, v_<joint 1> ...``.
 
 ROS 2 allows field names of lower-case letters, digits and single underscores that do not
 end in one (https://design.ros2.org/articles/legacy_interface_definition.html). Joint names
-of real robots break each of these (``LF_HAA``, ``a__b``). Log viewers take any
-identifier; to build a ROS 2 *package* from the definition, rename such joints.
+of real robots break each of these (``LF_HAA``, ``a__b``). Such a log is written all the
+same, and viewers take any identifier; rosidl, and with it the Python package
+mcap-ros2-support, refuses the definition.
 """
 
 from __future__ import annotations
