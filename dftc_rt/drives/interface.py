@@ -80,12 +80,18 @@ class DriveCycle(Protocol):
         q: Joint positions, (n,), rad (m).
         v: Joint velocities, (n,), rad/s (m/s).
         sent: Torques as sent, after limit and quantisation, (n,), Nm (N).
+        seen: Bit 0 is set when position and velocity came in this cycle, (n,).
+        status: CiA 402 statuswords, whatever the profile calls its states, (n,).
+        other: Per row of the last decode: 0 feedback, 1 not ours, 2 emergency, 3 short.
         goal: One of ``GOAL_*``.
     """
 
     q: F64
     v: F64
     sent: F64
+    seen: I64
+    status: I64
+    other: NDArray[np.uint8]
     goal: int
 
     def start(self, found: SetUp) -> None:
