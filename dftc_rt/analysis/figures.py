@@ -80,7 +80,7 @@ def fault_figure(
 
 
 def save(figure: Figure, path: str | Path) -> None:
-    """Save as PNG, SVG or PDF, by the name's suffix; the same figure gives the same bytes.
+    """Save as PNG, SVG or PDF, by the name's suffix; the same run gives the same bytes.
 
     Raises:
         InputError: Another suffix, or the file cannot be written.
