@@ -51,9 +51,8 @@ def run_lockstep(rig: Rig, ports: Sequence[BusPort], ended: Callable[[], bool]) 
     """
     watch = _Watch(ports)
     while not ended():
-        rig.service_lockstep()
-        watch.wait(_LOOK_S)
-    rig.service_lockstep()
+        rig.service_lockstep(watch.wait(_LOOK_S))
+    rig.service_lockstep(range(len(ports)))
 
 
 def run_wall(rig: Rig, ports: Sequence[BusPort], ended: Callable[[], bool]) -> None:

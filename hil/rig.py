@@ -7,7 +7,7 @@ step ends when every bus has seen the controller's barrier, and several SYNCs of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Final, Protocol
 
 import numba
@@ -144,22 +144,22 @@ class Rig:
 
     # -- lock-step ----------------------------------------------------------------------
 
-    def service_lockstep(self) -> bool:
+    def service_lockstep(self, ready: Iterable[int]) -> None:
         """Take what has come; step once every bus has seen the controller's barrier.
 
-        Returns:
-            Whether a step was made.
+        Args:
+            ready: Indices of the buses on which something has come.
 
         Raises:
             BusError: A bus has gone away.
         """
-        for bus, port in enumerate(self.ports):
-            self._take(bus, port)
-        if not all(port.barrier_pending for port in self.ports):
-            return False
+        for bus in ready:
+            self._take(bus)
+        for port in self.ports:
+            if not port.barrier_pending:
+                return
         cycles = [port.pop_barrier() for port in self.ports]
-        stepped = any(self._synced)
-        if stepped:
+        if any(self._synced):
             if self.steps:
                 self.plant.advance(self._substeps)
             self._latch()
@@ -168,7 +168,6 @@ class Rig:
                 self._synced[bus] = False
         for port, cycle in zip(self.ports, cycles, strict=True):
             port.send_barrier(cycle or 0)
-        return stepped
 
     # -- wall time ----------------------------------------------------------------------
 
@@ -236,19 +235,17 @@ class Rig:
 
     # -- shared -------------------------------------------------------------------------
 
-    def _take(self, bus: int, port: BusPort) -> None:
+    def _take(self, bus: int) -> None:
         """Hand over what has come on one bus; SDO and NMT are answered at once."""
-        while True:
-            count = port.receive(self._inbox)
-            if not count:
-                return
-            row = 0
-            while row < count:
-                row = self.drives.receive(bus, self._inbox, row, count)
-                if self.drives.synced:
-                    self._synced[bus] = True
-            if not self._synced[bus]:
-                self._answer(bus, port)
+        port = self.ports[bus]
+        count = port.receive(self._inbox)
+        row = 0
+        while row < count:
+            row = self.drives.receive(bus, self._inbox, row, count)
+            if self.drives.synced:
+                self._synced[bus] = True
+        if count and not self._synced[bus]:
+            self._answer(bus, port)
 
     def _latch(self) -> None:
         """End a step: timers, new torque commands and brakes, sensors, the record."""

@@ -57,14 +57,13 @@ def in_process_rig(
     nodes = [port.connect() for port in ports]
     q0, v0 = initial_state(scenario, robot, on_reference)
     rig = Rig(scenario, robot, ports, q0, v0, sink, event)
-    if clock is None:
-        service: Callable[[], object] = rig.service_lockstep
-    else:
-        service = functools.partial(_serve_wall, rig, clock)
-    for node in nodes:
-        node.service = service  # type: ignore[assignment]
+    for bus, node in enumerate(nodes):
+        if clock is None:
+            node.service = functools.partial(rig.service_lockstep, (bus,))
+        else:
+            node.service = functools.partial(_serve_wall, rig, clock, (bus,))
     return InProcessRig(rig, list(nodes))
 
 
-def _serve_wall(rig: Rig, clock: Callable[[], int]) -> None:
-    rig.service_wall(clock(), range(len(rig.ports)))
+def _serve_wall(rig: Rig, clock: Callable[[], int], ready: tuple[int, ...]) -> None:
+    rig.service_wall(clock(), ready)

@@ -9,8 +9,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dftc_rt.bus.barrier import BarrierSender, find_barrier
-from dftc_rt.bus.frame import Frames, frame_buffer, unpack
+from dftc_rt.bus.barrier import find_barrier
+from dftc_rt.bus.frame import BARRIER_ID, Frames, frame_buffer, unpack
 from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.bus.wait import Waiter
 from dftc_rt.drives.cia402 import codec, states
@@ -23,6 +23,7 @@ F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
 _CAPACITY: Final = 256
+_BARRIER: Final = BARRIER_ID | 8 << 32  # identifier and length, as one word of a frame
 _LOCKSTEP_PATIENCE_S: Final = 1.0  # between looks; a rig that dies closes the bus
 _LIVE: Final = (states.OPERATION_ENABLED, states.QUICK_STOP_ACTIVE)
 
@@ -84,8 +85,8 @@ class DriveLink:
         self._zero = np.zeros(self.q.shape[0])
         self.missed = 0
         self._out = frame_buffer(_CAPACITY)
+        self._words = self._out.view("<u8")
         self._inbox = frame_buffer(_CAPACITY)
-        self._barrier = BarrierSender()
         self._waiter = Waiter([socket.fd for socket in sockets])
         self._waiters = [Waiter([socket.fd]) for socket in sockets]
 
@@ -119,10 +120,12 @@ class DriveLink:
                 self._take(bus)
         cycle.begin()
         for bus in self._buses:
-            self._sockets[bus].send(out, cycle.sync(bus, out))
+            rows = cycle.sync(bus, out)
+            if self._lockstep:
+                self._words[rows] = _BARRIER, number
+                rows += 1
+            self._sockets[bus].send(out, rows)
         if self._lockstep:
-            for socket in self._sockets:
-                self._barrier.send(socket, number)
             for bus in self._buses:
                 self._until_barrier(bus)
         else:
