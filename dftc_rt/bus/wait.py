@@ -77,7 +77,6 @@ class Waiter:
                 raise OSError(code, os.strerror(code))
             timeout_s = deadline - time.monotonic()
 
-
     def ready(self, index: int) -> bool:
         """Return whether the descriptor at ``index`` was ready when ``wait`` last returned."""
         return bool(self._fds[index].revents)

@@ -15,7 +15,7 @@ from dftc_rt.bus.barrier import BarrierSender
 from dftc_rt.bus.bits import charge
 from dftc_rt.bus.frame import Frames, frame_buffer
 from dftc_rt.bus.interface import FrameSocket
-from dftc_rt.errors import BusError
+from dftc_rt.errors import BusError, InputError
 from hil.bus.arbitration import arbitrate, is_ordered, order_by_identifier
 from hil.bus.client import Client
 from hil.bus.statistics import BusStatistics
@@ -47,7 +47,12 @@ class VirtualBus:
             name: Logical bus name.
             timing: ``off`` or ``account``.
             bitrate: Bits per second of the bus that is stood in for.
+
+        Raises:
+            InputError: ``timing`` is something else.
         """
+        if timing not in ("off", "account"):
+            raise InputError("bus.timing", repr(timing), "off or account on this bus")
         self.name = name
         self.fds_version = 0
         self._bitrate = bitrate

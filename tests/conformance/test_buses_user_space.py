@@ -10,7 +10,8 @@ import pytest
 
 from dftc_rt.bus.barrier import BarrierSender, find_barrier
 from dftc_rt.bus.frame import frame_buffer
-from dftc_rt.errors import BusError
+from dftc_rt.errors import BusError, InputError
+from hil.bus.inprocess import InProcessPort
 from tests.conformance.bus_transports import (
     Opener,
     Transport,
@@ -185,3 +186,51 @@ def test_both_transports_behave_alike_bit_for_bit(tmp_path: Path) -> None:
         return seen
 
     assert record(open_inprocess) == record(open_unix)
+
+
+def test_a_timing_that_this_bus_does_not_keep_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"bus\.timing"):
+        InProcessPort("can0", timing="pace")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("others", [0, 1])
+def test_a_barrier_is_seen_with_the_frames_before_it(bus: Transport, others: int) -> None:
+    node, *_ = [bus.join() for _ in range(1 + others)]
+    node.send(batch(numbered(3)), 3)
+    BarrierSender().send(node, 9)
+    assert bus.port.receive(frame_buffer(8)) == 3
+    assert bus.port.barrier_pending
+
+
+def test_a_node_that_leaves_at_its_barrier_is_not_answered(bus: Transport) -> None:
+    leaving, staying = bus.join(), bus.join()
+    BarrierSender().send(leaving, 1)
+    bus.port.receive(frame_buffer(4))
+    assert bus.port.pop_barrier() == 1
+    leaving.close()
+    bus.port.receive(frame_buffer(4))
+    bus.port.send_barrier(1)
+    assert staying.receive(frame_buffer(4)) == 0
+    assert bus.port.statistics.departed == 1
+
+
+def test_a_node_without_room_for_its_barrier_is_disconnected() -> None:
+    port = InProcessPort("can0")
+    node = port.connect(capacity=2)
+    BarrierSender().send(node, 1)
+    port.receive(frame_buffer(4))
+    assert port.pop_barrier() == 1
+    port.send(batch(numbered(2)), 2)
+    port.send_barrier(1)
+    assert collect_node(node, 2) == numbered(2)
+    with pytest.raises(BusError):
+        node.receive(frame_buffer(4))
+
+
+def test_a_closed_bus_leaves_no_socket_file(tmp_path: Path) -> None:
+    bus = open_unix(tmp_path)
+    assert (tmp_path / "buses" / "can0").is_socket()
+    bus.port.close()
+    bus.port.close()
+    assert not (tmp_path / "buses" / "can0").exists()
+    bus.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import socket
 import subprocess
@@ -81,6 +82,27 @@ def test_one_in_use_is_refused_with_its_owners_pid(tmp_path: Path) -> None:
         owner.kill()
     # A killed owner leaves its file behind, but no claim.
     BusDirectory(tmp_path / "buses").release()
+
+
+def test_an_owner_that_leaves_while_the_next_one_comes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The file that was opened is no longer the one in the directory: locking it claims nothing."""
+    lock = fcntl.flock
+    owner_file = tmp_path / "buses" / "owner.pid"
+    calls: list[int] = []
+
+    def leave_first(fd: int, operation: int) -> None:
+        calls.append(fd)
+        if len(calls) == 1:
+            owner_file.unlink()
+        lock(fd, operation)
+
+    monkeypatch.setattr(fcntl, "flock", leave_first)
+    claim = BusDirectory(tmp_path / "buses")
+    with pytest.raises(InputError, match=f"in use by process {os.getpid()}"):
+        BusDirectory(tmp_path / "buses")
+    claim.release()
 
 
 def test_stale_sockets_go_and_other_files_stay(tmp_path: Path) -> None:

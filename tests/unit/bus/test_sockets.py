@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import signal
+import ctypes
+import errno
 import socket
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import dftc_rt.bus.wait as waiting
 from dftc_rt.bus.barrier import find_barrier, write_barrier
 from dftc_rt.bus.frame import FD_FRAME_SIZE, Frames, frame_buffer
 from dftc_rt.bus.inprocess import FrameQueue, link
@@ -125,10 +126,14 @@ def test_the_queue_keeps_order_around_its_end() -> None:
     assert queue.pop(out) == 3
     assert queue.push(counted(6, 4), 6) == 4  # one waits, four find room
     assert len(queue) == 5
-    got: list[int] = []
+    assert queue.pop(out) == 3
+    assert queue.push(counted(1, 8), 1) == 1
+    assert queue.push(counted(2, 9), 2) == 2  # moved down, with room to spare
+    assert len(queue) == 5
+    got: list[int] = out[:, 15].tolist()
     while count := queue.pop(out):
         got += out[:count, 15].tolist()
-    assert got == [3, 4, 5, 6, 7]
+    assert got == [3, 4, 5, 6, 7, 8, 9, 10]
 
 
 def test_the_service_runs_inside_send_and_its_errors_are_not_lost() -> None:
@@ -164,24 +169,37 @@ def test_nothing_is_waited_for_in_process() -> None:
     assert wait(list(link("can0")), 60.0)
 
 
-def test_a_signal_does_not_end_the_wait(raw: tuple[UnixSocket, socket.socket]) -> None:
+def test_a_signal_does_not_end_the_wait(
+    raw: tuple[UnixSocket, socket.socket], monkeypatch: pytest.MonkeyPatch
+) -> None:
     node, other = raw
-    handled = threading.Event()
+    poll = waiting._ppoll
+    asked: list[float] = []
 
-    def send_when_handled() -> None:
-        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGUSR1)
-        handled.wait()
-        other.send(bytes(16))
+    def interrupted_once(fds: int, count: int, timeout: int, mask: None) -> int:
+        left = waiting._TimeSpec.from_address(timeout)
+        asked.append(left.seconds + 1e-9 * left.nanoseconds)
+        if len(asked) == 1:
+            other.send(bytes(16))
+            ctypes.set_errno(errno.EINTR)
+            return -1
+        ready: int = poll(fds, count, timeout, mask)
+        return ready
 
-    before = signal.signal(signal.SIGUSR1, lambda *_: handled.set())
-    sender = threading.Thread(target=send_when_handled)
-    try:
-        sender.start()
-        assert wait([node], 60.0)
-    finally:
-        sender.join()
-        signal.signal(signal.SIGUSR1, before)
-    assert handled.is_set()
+    monkeypatch.setattr(waiting, "_ppoll", interrupted_once)
+    assert wait([node], 60.0)
+    assert asked[0] == 60.0
+    assert 0.0 < asked[1] < 60.0
+
+
+def test_a_refused_poll_is_not_taken_for_a_signal(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> int:
+        ctypes.set_errno(errno.EINVAL)
+        return -1
+
+    monkeypatch.setattr(waiting, "_ppoll", refuse)
+    with pytest.raises(OSError, match="Invalid argument"):
+        Waiter([0]).wait(1.0)
 
 
 def test_a_barrier_is_found_by_its_whole_identifier() -> None:
