@@ -15,7 +15,8 @@ from dftc_rt.log.reader import read
 def analyze(log: str | Path, *, twin: str | Path | None = None, json: bool = False) -> int:
     """Print the metrics of a log.
 
-    Example:
+    Example::
+
         dftc analyze run.mcap --twin healthy.mcap --json
 
     Args:

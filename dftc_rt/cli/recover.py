@@ -11,7 +11,8 @@ from dftc_rt.log import recover as torn
 def recover(log: str | Path, *, output: str | Path) -> int:
     """Save everything in a log that precedes its tear.
 
-    Example:
+    Example::
+
         dftc recover torn.mcap -o whole.mcap
 
     Args:

@@ -13,7 +13,8 @@ from dftc_rt.log.reader import read
 def report(log: str | Path, *, output: str | Path) -> int:
     """Write a report of a log: one HTML file that needs no network.
 
-    Example:
+    Example::
+
         dftc report run.mcap -o run.html
 
     Args:

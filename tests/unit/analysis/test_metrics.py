@@ -99,6 +99,15 @@ def test_joint_without_fault_is_judged_over_all_the_others_windows(make: Maker) 
     assert joint(run, "b", *faults)["rmse_faulty_mrad"] == pytest.approx(2.0)
 
 
+def test_joint_with_a_fault_is_judged_over_its_own_window(make: Maker) -> None:
+    run = make()
+    faults = (FaultSpec("a", "loss", 3.0, 4.0), FaultSpec("b", "loss", 6.0, 7.0))
+    run.cycle["qd"][between(run, 3.5, 4)] = 0.001
+    run.cycle["qd"][between(run, 6.5, 7)] = 0.005
+    assert joint(run, "a", *faults)["rmse_faulty_mrad"] == pytest.approx(1.0)
+    assert joint(run, "b", *faults)["rmse_faulty_mrad"] == pytest.approx(5.0)
+
+
 def test_arming_and_stopping_are_no_tracking(make: Maker) -> None:
     run = make()
     run.cycle["qd"][between(run, 9, 10)] = 5.0

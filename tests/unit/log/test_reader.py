@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.writer import Writer
+from mcap.writer import CompressionType, Writer
 
 from dftc_rt.control.signals import NAMES
 from dftc_rt.errors import InputError, LogError
@@ -75,10 +75,15 @@ def test_without_a_rig_there_is_none(sample: Sample, tmp_path: Path) -> None:
     assert len(run.cycle["t"]) == 700
 
 
-def other_log(topic: str, definition: str, *payloads: bytes) -> bytes:
+def other_log(
+    topic: str,
+    definition: str,
+    *payloads: bytes,
+    compression: CompressionType = CompressionType.LZ4,
+) -> bytes:
     """A whole MCAP file by another writer, without our metadata."""
     out = io.BytesIO()
-    writer = Writer(out)
+    writer = Writer(out, compression=compression)
     writer.start("ros2")
     schema = writer.register_schema("x/msg/X", "ros2msg", definition.encode())
     channel = writer.register_channel(topic, "cdr", schema)
@@ -131,6 +136,17 @@ def test_a_flipped_bit_is_found(log: Path, tmp_path: Path) -> None:
     path = tmp_path / "flipped.mcap"
     path.write_bytes(content)
     with pytest.raises(LogError, match=r"damaged.*dftc recover"):
+        read(path)
+
+
+def test_a_flipped_bit_is_found_by_the_checksum_alone(tmp_path: Path) -> None:
+    definition, payload = "float64 t\nfloat64 q_a\n", b"\0\1\0\0" + b"\x55" * 16
+    content = other_log("/cycle", definition, payload, compression=CompressionType.NONE)
+    path = tmp_path / "x.mcap"
+    path.write_bytes(content)
+    assert read(path).cycle["q"].shape == (1, 1)
+    path.write_bytes(content.replace(b"\x55" * 16, b"\x55" * 15 + b"\x54"))
+    with pytest.raises(LogError, match="damaged"):
         read(path)
 
 
