@@ -17,9 +17,9 @@ from dftc_rt.rt.doctor import Check, examine
 def doctor(*, json: bool = False) -> int:
     """Say what this machine lacks for real time and CAN, and how to get it.
 
-    Exit code 0 when nothing essential is missing, else 3. Example::
+    Exit code 0 when nothing essential is missing, else 3.
 
-        dftc doctor
+    For example: dftc doctor --json
 
     Args:
         json: Print one JSON object.
