@@ -114,9 +114,10 @@ def allocate(settings: Settings, joints: Joints, *, ftc: bool) -> Storage:
     par["counts"] = np.floor(joints.torque_limit / safe + 1e-9)
     par["delay"] = joints.delay_cycles
     par["alpha"] = -np.expm1(-par["bandwidth"] * h)
-    lag = np.maximum(par["torque_lag_s"], 1e-12)
-    par["lag_decay"] = np.exp(-h / lag)
-    par["lag_mean"] = lag / h * -np.expm1(-h / lag)
+    lags = par["torque_lag_s"] > 0.0
+    lag = np.where(lags, par["torque_lag_s"], h)
+    par["lag_decay"] = np.where(lags, np.exp(-h / lag), 0.0)
+    par["lag_mean"] = np.where(lags, lag / h * -np.expm1(-h / lag), 0.0)
     par["floor"] = par["floor_nm"] + par["floor_fraction"] * joints.torque_limit
     par["noise"] = par["velocity_noise"] * par["bandwidth"]
     par["warmup"] = np.ceil(par["warmup_s"] / h - 1e-9).astype(np.int64)
