@@ -36,9 +36,6 @@ from dftc_rt.control.signals import (
 
 _CACHE = {"cache": True, "fastmath": False}
 _SPLIT = 0
-_gaussian = basis.gaussian
-_network = basis.network
-_adapt = basis.adapt
 
 
 @njit(**_CACHE)
@@ -77,8 +74,8 @@ def identify(
     x.x1o += h * identifier.rate1(x.x2o, p.l1, e1o)
     x.x2o += h * identifier.rate2(f_o, g_o, u, corr)
     if p.identifier == identifier.ADAPT:
-        _adapt(weights[W_FO], sigma, p.gamma_fo * e2o, p.leak_o, p.w_f_max, h)
-        _adapt(weights[W_GO], sigma, p.gamma_go * e2o * u, p.leak_o, p.w_g_max, h)
+        basis.adapt(weights[W_FO], sigma, p.gamma_fo * e2o, p.leak_o, p.w_f_max, h)
+        basis.adapt(weights[W_GO], sigma, p.gamma_go * e2o * u, p.leak_o, p.w_g_max, h)
         drive = p.gamma_delta_o * law.magnitude(e2o, p.dead_zone_o) * big_e
         x.delta_o = law.bound_step(x.delta_o, drive, p.leak_o, p.delta_o_max, h)
     return corr
@@ -218,11 +215,11 @@ def joint(
         return NONFINITE_INPUT
     wf = wg = wfo = wgo = 0.0
     if p.use_basis == 1:
-        _gaussian(q, v, c, p.inv_width1, p.inv_width2, sigma)
-        wf = _network(w[W_F], sigma)
-        wg = _network(w[W_G], sigma)
-        wfo = _network(w[W_FO], sigma)
-        wgo = _network(w[W_GO], sigma)
+        basis.gaussian(q, v, c, p.inv_width1, p.inv_width2, sigma)
+        wf = basis.network(w[W_F], sigma)
+        wg = basis.network(w[W_G], sigma)
+        wfo = basis.network(w[W_FO], sigma)
+        wgo = basis.network(w[W_GO], sigma)
     # identifier (18) and observer (28), (29), or the regression y = rho phi
     f_o, g_o = models(p, m, b, wfo, wgo)
     corr = 0.0
@@ -262,8 +259,8 @@ def joint(
         )
         x.xi = law.bound_step(x.xi, p.gamma_xi * size, p.leak_xi, p.xi_max, h)
         if p.adapt_f == 1:
-            _adapt(w[W_F], sigma, p.gamma_f * s, p.leak_f, p.w_f_max, h)
-            _adapt(w[W_G], sigma, p.gamma_g * s * u, p.leak_g, p.w_g_max, h)
+            basis.adapt(w[W_F], sigma, p.gamma_f * s, p.leak_f, p.w_f_max, h)
+            basis.adapt(w[W_G], sigma, p.gamma_g * s * u, p.leak_g, p.w_g_max, h)
     history[x.cycle % history.shape[0]] = told
     x.cycle += 1
     rec[TAU_LAW, i] = u
