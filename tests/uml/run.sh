@@ -27,7 +27,8 @@ python=$(command -v "$python")
 [ "$(id -u)" = 0 ] || lacks "must be root, so that the host's files are root's inside as well"
 
 # Everything the inside needs to know, and what it tells us, in one fresh directory.
-job=$(mktemp -d "${TMPDIR:-/var/tmp}/dftc-uml.XXXXXX")
+# Its name, and that of init.sh in it, stand on the kernel's command line: no space in them.
+job=$(mktemp -d /var/tmp/dftc-uml.XXXXXX)
 machine=
 end() {
   [ -z "$machine" ] || kill -KILL "$machine" 2>/dev/null || :
@@ -40,6 +41,7 @@ trap 'exit 130' INT TERM
 colour=no
 [ ! -t 1 ] || colour=yes
 printf '%s\0' -p no:cacheprovider "--color=$colour" "$@" >"$job/arguments"
+cp "$here/init.sh" "$job/init.sh"
 printf '%s\n' "$root" >"$job/root"
 printf '%s\n' "$python" >"$job/python"
 
@@ -48,7 +50,7 @@ echo "Booting $(basename "$kernel") for: pytest -m vcan $*" >&2
 status=0
 set -- timeout --foreground --signal=KILL "${UML_TIMEOUT_S:-900}" \
   "$kernel" mem=1G root=/dev/root rootfstype=hostfs rootflags=/ rw \
-  init="$here/init.sh" dftc_job="$job" umid="dftc-$$" uml_dir="$job/" \
+  init="$job/init.sh" dftc_job="$job" umid="dftc-$$" uml_dir="$job/" \
   con=null con0=null,fd:1 quiet
 # Killed half-way, the kernel would leave behind the processes that it runs programs in;
 # a PID namespace, where we may have one, takes them along.
