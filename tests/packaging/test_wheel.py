@@ -91,4 +91,4 @@ def test_wheel_simulates_a_shipped_scenario_by_name(installed: Installed) -> Non
     )
     metrics = json.loads(out)
     assert metrics["robot"] == "panda"
-    assert metrics["cycles"] == 500
+    assert metrics["cycles"] >= 500
