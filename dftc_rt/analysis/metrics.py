@@ -172,7 +172,9 @@ def _false_alarms(
 
 
 def _overruns(run: Run, period: float) -> int:
-    """Cycles that were still at work when the next tick came."""
+    """Cycles that were still at work when the next tick came; in lock-step none can be."""
+    if not run.cycle["lateness"].any():
+        return 0
     busy = run.cycle["lateness"] + run.cycle["compute"] + run.cycle["exchange"]
     return int(np.count_nonzero(busy > period))
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from dftc_rt.log import recover as torn
 
 
-def recover(log: str | Path, *, output: str | Path) -> int:
+def recover(log: str | Path, *, output: Annotated[str | Path, Parameter(alias="-o")]) -> int:
     """Save everything in a log that precedes its tear.
 
     Example::

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from dftc_rt.analysis import metrics
 from dftc_rt.analysis.report import write_report
 from dftc_rt.log.reader import read
 
 
-def report(log: str | Path, *, output: str | Path) -> int:
+def report(log: str | Path, *, output: Annotated[str | Path, Parameter(alias="-o")]) -> int:
     """Write a report of a log: one HTML file that needs no network.
 
     Example::
