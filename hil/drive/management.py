@@ -110,6 +110,7 @@ class NodeManagement:
         elif len(data) == 8:
             drive = next(d for d in self.members[bus] if self._nodes[d].id == can_id & 0x7F)
             if self.objects[drive, slots.NMT] != od.STOPPED:
+                self.networks[bus].now_us = self.now_us
                 self.networks[bus].notify(can_id, data, self.now_us * 1e-6)
                 self._plan()
 
@@ -120,7 +121,11 @@ class NodeManagement:
             self._connection_lost(d, od.EMCY_COMMUNICATION)  # 6007h names both
         if command in _RESETS:
             self._boot(d, command)
-            return
+        else:
+            self._enter(d, command)
+
+    def _enter(self, d: int, command: int) -> None:
+        """Enter the NMT state that a command asks for."""
         self._tell_canopen(self._nodes[d], command)
         state = _STATES[command]
         if state == od.OPERATIONAL and self.objects[d, slots.NMT] != od.OPERATIONAL:
@@ -207,12 +212,12 @@ class NodeManagement:
             limit = node.consumer[1]
             if limit and 0 <= node.heard_us < self.now_us - limit:
                 node.heard_us = -1  # heard again, it is watched again
+                self._connection_lost(d, od.EMCY_HEARTBEAT_LOST)
                 behaviour = node.value(od.ERROR_BEHAVIOUR, 1)
                 if behaviour == 0 and self.objects[d, slots.NMT] == od.OPERATIONAL:
-                    self._command(d, od.NMT_PRE_OPERATIONAL)
+                    self._enter(d, od.NMT_PRE_OPERATIONAL)
                 elif behaviour == 2:
-                    self._command(d, od.NMT_STOP)
-                self._connection_lost(d, od.EMCY_HEARTBEAT_LOST)
+                    self._enter(d, od.NMT_STOP)
         self._plan()
 
     # --- faults and emergencies ------------------------------------------------------

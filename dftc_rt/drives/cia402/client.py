@@ -183,7 +183,7 @@ class Cia402Client:
         self._write(i, od.MODE, od.CST)
         mode = self._read(i, od.MODE_DISPLAY)
         if mode != od.CST:
-            raise self._mismatch(i, "mode display 6061h", mode, od.CST, "")
+            raise self._error(i, f"mode display 6061h is {mode} after mode {od.CST} was set")
 
     def _map_pdos(self, i: int) -> None:
         """Map the PDOs; the drives of a bus take turns with their slow one."""
@@ -253,9 +253,8 @@ class Cia402Client:
 
     def _mismatch(self, i: int, what: str, found: float, expected: float, unit: str) -> DriveError:
         """Return the error for a drive that is not what the robot file says."""
-        return self._error(
-            i, f"{what} is {found:g} {unit}, the robot file says {expected:g} {unit}"
-        )
+        unit = f" {unit}" if unit else ""
+        return self._error(i, f"{what} is {found:g}{unit}, the robot file says {expected:g}{unit}")
 
     @contextmanager
     def _blame(self, i: int) -> Iterator[None]:
