@@ -9,7 +9,6 @@ Source: CiA 301 (NMT, heartbeat, EMCY, object 1029h), CiA 402-2 (objects 6007h, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -17,11 +16,10 @@ from numpy.typing import NDArray
 
 from dftc_rt.drives.cia402 import objects as od
 from dftc_rt.drives.cia402 import states
-from dftc_rt.drives.scale import JointScale
-from dftc_rt.errors import InputError
 from hil.drive import service, slots
 from hil.drive.object_dictionary import DriveNode
 from hil.drive.silent_network import NEVER, SilentNetwork
+from hil.drive.spec import DriveSpec, members_of
 
 I64 = NDArray[np.int64]
 
@@ -33,24 +31,6 @@ _STATES: Final = {
     od.NMT_PRE_OPERATIONAL: od.PRE_OPERATIONAL,
 }
 _RESETS: Final = (od.NMT_RESET_NODE, od.NMT_RESET_COMMUNICATION)
-
-
-@dataclass(frozen=True, slots=True)
-class DriveSpec:
-    """One emulated drive.
-
-    Attributes:
-        node_id: Node id, 1 to 126.
-        bus: Index of its bus.
-        scale: Its data sheet.
-        watchdog_s: Longest time between RPDOs while enabled, s of rig time; 0: none.
-            Object 1400h:05h, when written, takes its place.
-    """
-
-    node_id: int
-    bus: int
-    scale: JointScale
-    watchdog_s: float = 0.0
 
 
 class NodeManagement:
@@ -75,7 +55,7 @@ class NodeManagement:
         """
         n = len(specs)
         self.specs = tuple(specs)
-        self.members = _members(self.specs, buses)
+        self.members = members_of(self.specs, buses)
         self.objects: I64 = np.zeros((n, slots.N_OBJECTS), dtype=np.int64)
         self.pdo: I64 = np.zeros((n, 8, slots.N_PDO), dtype=np.int64)
         self.lookups = [np.full(2048, service.IGNORE, dtype=np.int32) for _ in range(buses)]
@@ -280,25 +260,3 @@ class NodeManagement:
         if self.objects[d, slots.NMT] in (od.OPERATIONAL, od.PRE_OPERATIONAL):
             register = int(self.objects[d, slots.ERROR_REGISTER])
             node.emcy.send(code, register)
-
-
-def _members(specs: Sequence[DriveSpec], buses: int) -> list[NDArray[np.int64]]:
-    """Return the drives of each bus in the order of their node ids.
-
-    Raises:
-        InputError: A node id or a bus is out of range or taken.
-    """
-    taken: set[tuple[int, int]] = set()
-    for spec in specs:
-        where = f"drive of {spec.scale.joint}"
-        if not 1 <= spec.node_id <= 126:
-            raise InputError(where, f"node id {spec.node_id}", "1 to 126")
-        if not 0 <= spec.bus < buses:
-            raise InputError(where, f"bus {spec.bus}", f"0 to {buses - 1}")
-        if (spec.bus, spec.node_id) in taken:
-            raise InputError(where, f"node id {spec.node_id} is taken on bus {spec.bus}")
-        taken.add((spec.bus, spec.node_id))
-    order = sorted(range(len(specs)), key=lambda d: specs[d].node_id)
-    return [
-        np.array([d for d in order if specs[d].bus == bus], dtype=np.int64) for bus in range(buses)
-    ]

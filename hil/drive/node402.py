@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from dftc_rt.bus.frame import Frames
 from hil.drive import service, slots
-from hil.drive.management import DriveSpec, NodeManagement
+from hil.drive.management import NodeManagement
+from hil.drive.spec import DriveSpec
 
 __all__ = ["Cia402Drives", "DriveSpec"]
 

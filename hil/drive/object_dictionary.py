@@ -23,20 +23,8 @@ from numpy.typing import NDArray
 from dftc_rt.drives.cia402 import objects as co
 from dftc_rt.drives.cia402.eds import dictionary
 from dftc_rt.drives.scale import JointScale
-from hil.drive import service, slots
+from hil.drive import aborts, service, slots
 
-UNSUPPORTED_ACCESS: Final = 0x0601_0000
-NO_OBJECT: Final = 0x0602_0000
-NOT_MAPPABLE: Final = 0x0604_0041
-MAPPING_TOO_LONG: Final = 0x0604_0042
-NO_SUBINDEX: Final = 0x0609_0011
-INVALID_VALUE: Final = 0x0609_0030
-VALUE_TOO_HIGH: Final = 0x0609_0031
-VALUE_TOO_LOW: Final = 0x0609_0032
-WRONG_STATE: Final = 0x0800_0022
-NO_DATA: Final = 0x0800_0024
-
-_GENERAL: Final = 0x0800_0000
 _INVALID_PDO: Final = 1 << 31
 _EXTENDED: Final = 1 << 29
 _RESTRICTED: Final = (range(0x001, 0x080), range(0x580, 0x600), range(0x600, 0x680))
@@ -51,10 +39,10 @@ class _Server(SdoServer):
         self._subindex = 0
         self._buffer = bytearray()
 
-    def abort(self, abort_code: int = _GENERAL) -> None:
+    def abort(self, abort_code: int = aborts.GENERAL) -> None:
         """Refuse a transfer; an error of our own is raised, where canopen would log it."""
         error = sys.exception()
-        if abort_code == _GENERAL and error is not None:
+        if abort_code == aborts.GENERAL and error is not None:
             raise error
         super().abort(abort_code)  # type: ignore[no-untyped-call]
 
@@ -142,7 +130,7 @@ class DriveNode(canopen.LocalNode):
             if subindex == 0:
                 return len(self.error_history)
             if subindex > len(self.error_history):
-                raise SdoAbortedError(NO_SUBINDEX if subindex > 8 else NO_DATA)
+                raise SdoAbortedError(aborts.NO_SUBINDEX if subindex > 8 else aborts.NO_DATA)
             return self.error_history[subindex - 1]
         return None
 
@@ -154,9 +142,9 @@ class DriveNode(canopen.LocalNode):
         """
         value = od.decode_raw(bytes(data))
         if od.max is not None and value > od.max:
-            raise SdoAbortedError(VALUE_TOO_HIGH)
+            raise SdoAbortedError(aborts.VALUE_TOO_HIGH)
         if od.min is not None and value < od.min:
-            raise SdoAbortedError(VALUE_TOO_LOW)
+            raise SdoAbortedError(aborts.VALUE_TOO_LOW)
         if (index, subindex) in slots.LIVE:
             self._write_live(index, subindex, value)
         elif 0x1400 <= index < 0x1404 or 0x1800 <= index < 0x1804:
@@ -165,27 +153,27 @@ class DriveNode(canopen.LocalNode):
             self._write_mapping(_number(index), subindex, value)
         elif index == co.ERROR_HISTORY:
             if value != 0:
-                raise SdoAbortedError(INVALID_VALUE)
+                raise SdoAbortedError(aborts.INVALID_VALUE)
             self.error_history.clear()
         elif index == co.HEARTBEAT_CONSUMER:
             if subindex != 1:
-                raise SdoAbortedError(NO_SUBINDEX)
+                raise SdoAbortedError(aborts.NO_SUBINDEX)
             producer, time_ms = value >> 16, value & 0xFFFF
             if producer > 127:
-                raise SdoAbortedError(INVALID_VALUE)
+                raise SdoAbortedError(aborts.INVALID_VALUE)
             self.consumer = (producer, time_ms * 1000) if producer and time_ms else (0, 0)
             self.heard_us = -1
             self._rewired()
         elif index == co.SYNC_OVERFLOW:
             if value == 1:
-                raise SdoAbortedError(INVALID_VALUE)
+                raise SdoAbortedError(aborts.INVALID_VALUE)
             if self.value(co.SYNC_PERIOD):
-                raise SdoAbortedError(WRONG_STATE)
+                raise SdoAbortedError(aborts.WRONG_STATE)
 
     def _write_live(self, index: int, subindex: int, value: int) -> None:
         """Write a process object and let the drive react at once."""
         if index == co.MODE and value not in (0, co.CST):
-            raise SdoAbortedError(INVALID_VALUE)
+            raise SdoAbortedError(aborts.INVALID_VALUE)
         slot = slots.LIVE[index, subindex][0]
         previous = int(self._objects[slots.CONTROLWORD])
         self._objects[slot] = value
@@ -203,30 +191,30 @@ class DriveNode(canopen.LocalNode):
             cob_id = value & 0x1FFF_FFFF
             valid = not value & _INVALID_PDO
             if value & _EXTENDED or cob_id > 0x7FF:
-                raise SdoAbortedError(INVALID_VALUE)
+                raise SdoAbortedError(aborts.INVALID_VALUE)
             if row[slots.VALID] and valid and cob_id != row[slots.COB_ID]:
-                raise SdoAbortedError(INVALID_VALUE)
+                raise SdoAbortedError(aborts.INVALID_VALUE)
             if valid and (cob_id == 0 or any(cob_id in taken for taken in _RESTRICTED)):
-                raise SdoAbortedError(INVALID_VALUE)
+                raise SdoAbortedError(aborts.INVALID_VALUE)
             row[slots.VALID] = 1 if valid else 0
             row[slots.COB_ID] = cob_id
             self.restart_pdo(number)
             self._rewired()
         elif subindex == 2:
             if 240 < value < 254:
-                raise SdoAbortedError(INVALID_VALUE)
+                raise SdoAbortedError(aborts.INVALID_VALUE)
             row[slots.TYPE] = value
             self.restart_pdo(number)
         elif subindex == 3:
             if row[slots.VALID]:
-                raise SdoAbortedError(INVALID_VALUE)
+                raise SdoAbortedError(aborts.INVALID_VALUE)
             row[slots.INHIBIT] = value * 100
         elif subindex == 5:
             row[slots.EVENT_TIMER] = value * 1000
             self._rewired()
         elif subindex == 6:
             if row[slots.VALID]:
-                raise SdoAbortedError(INVALID_VALUE)
+                raise SdoAbortedError(aborts.INVALID_VALUE)
             row[slots.SYNC_START] = value
             self.restart_pdo(number)
 
@@ -234,11 +222,11 @@ class DriveNode(canopen.LocalNode):
         """Check and apply one PDO mapping parameter (1600h, 1A00h)."""
         row = self._pdo[number]
         if row[slots.VALID]:
-            raise SdoAbortedError(UNSUPPORTED_ACCESS)
+            raise SdoAbortedError(aborts.UNSUPPORTED_ACCESS)
         if subindex == 0:
             self._compile_mapping(number, value)
         elif row[slots.COUNT]:
-            raise SdoAbortedError(UNSUPPORTED_ACCESS)
+            raise SdoAbortedError(aborts.UNSUPPORTED_ACCESS)
         elif value:
             self._entry(number, value)
 
@@ -250,10 +238,10 @@ class DriveNode(canopen.LocalNode):
         """
         index, subindex, bits = value >> 16, (value >> 8) & 0xFF, value & 0xFF
         if index not in self.object_dictionary:
-            raise SdoAbortedError(NO_OBJECT)
+            raise SdoAbortedError(aborts.NO_OBJECT)
         row = slots.MAPPABLE.get((index, subindex))
         if row is None or bits != row[1] or not row[3 if number < 4 else 4]:
-            raise SdoAbortedError(NOT_MAPPABLE)
+            raise SdoAbortedError(aborts.NOT_MAPPABLE)
         return row[:3]
 
     def _compile_mapping(self, number: int, count: int) -> None:
@@ -264,7 +252,7 @@ class DriveNode(canopen.LocalNode):
         ]
         bits = sum(entry[1] for entry in entries)
         if bits > 64:
-            raise SdoAbortedError(MAPPING_TOO_LONG)
+            raise SdoAbortedError(aborts.MAPPING_TOO_LONG)
         row[slots.COUNT] = count
         row[slots.LENGTH] = bits // 8
         for k, entry in enumerate(entries):

@@ -159,3 +159,13 @@ def test_any_request_is_survived(requests: list[bytes]) -> None:
 
 
 FUZZED = DriveBus(drives_of(scales(1)))
+
+
+def test_error_of_our_own_is_not_swallowed(bus: DriveBus, monkeypatch: pytest.MonkeyPatch) -> None:
+    # canopen's server would log it and answer "general error".
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("hil.drive.service.control", broken)
+    with pytest.raises(ZeroDivisionError):
+        write(bus, 1, 0x6040, 0, 6, 2)
