@@ -21,7 +21,7 @@ from dftc_rt.errors import InputError, MissingFileError
 F64 = NDArray[np.float64]
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _sines(t: float, offset: F64, amp: F64, omega: F64, phase: F64, out: F64) -> None:
     """Write rows q, v, a of a sum of sines into ``out`` (3, n)."""
     for i in range(offset.shape[0]):
@@ -36,7 +36,7 @@ def _sines(t: float, offset: F64, amp: F64, omega: F64, phase: F64, out: F64) ->
         out[0, i], out[1, i], out[2, i] = q, v, a
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _polynomial(t: float, knots: F64, coef: F64, out: F64) -> None:
     """Write rows q, v, a of a piecewise quintic into ``out`` (3, n); at rest outside."""
     last = knots.shape[0] - 1
@@ -55,7 +55,7 @@ def _polynomial(t: float, knots: F64, coef: F64, out: F64) -> None:
             out[2, i] = 0.0
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _blend(t: float, blend_s: float, q0: F64, out: F64) -> None:
     """Blend ``out`` (3, n) in from rest at ``q0`` with a quintic over ``blend_s``."""
     if t >= blend_s:
@@ -71,7 +71,7 @@ def _blend(t: float, blend_s: float, q0: F64, out: F64) -> None:
         out[2, i] = ddb * d + 2.0 * db * v + b * a
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def stop_ramp(t: float, ramp_s: float, start: F64, out: F64) -> None:
     """Come to rest: velocity falls smoothly to zero within ``ramp_s``.
 
@@ -167,7 +167,9 @@ def _sine(table: ReferenceTable, home: F64) -> tuple[F64, ...]:
 def _multisine(table: ReferenceTable, home: F64) -> tuple[F64, ...]:
     """Sum of sines with random frequencies and phases; the peak is bounded by the amplitude."""
     n, m = home.shape[0], table.sines
-    band = table.frequency_hz if isinstance(table.frequency_hz, tuple) else (table.frequency_hz,) * 2
+    band = (
+        table.frequency_hz if isinstance(table.frequency_hz, tuple) else (table.frequency_hz,) * 2
+    )
     if len(band) != 2 or band[0] > band[1]:
         raise InputError("reference.frequency_hz", f"{list(band)}", "[lowest, highest]")
     low, high = band

@@ -71,7 +71,7 @@ def _parameters(fault: Fault) -> tuple[int, tuple[float, float, float]]:
     return _CONSTANT, (0.0, 0.0, 0.0)
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def effectiveness(t: float, faults: NDArray[np.void], rho: F64, active: F64) -> None:
     """Write effectiveness and whether a fault is active, per joint, at rig time ``t``.
 

@@ -49,7 +49,7 @@ EventFunction = Callable[[float, int, str, str], object]
 """Called as (t, severity, source, text)."""
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _record(
     t: float, q: F64, v: F64, rows: F64, commands: I64, last: I64, age: F64, out: F64
 ) -> None:
@@ -129,7 +129,6 @@ class Rig:
         self._synced = [False] * len(names)
         self._last_commands = np.zeros(n, dtype=np.int64)
         self._age = np.zeros(n)
-        self._released = np.zeros(n, dtype=bool)
         self.steps = 0
         self._dt_ns = self._period / self._substeps * NS
         self._origin = 0  # wall time of rig time 0, ns
@@ -181,6 +180,8 @@ class Rig:
         Raises:
             BusError: A bus has gone away.
         """
+        stepped = self.steps
+        synced = False
         for bus in ready:
             port = self.ports[bus]
             count = port.receive(self._inbox)
@@ -188,6 +189,7 @@ class Rig:
             while row < count:
                 row = self.drives.receive(bus, self._inbox, row, count)
                 if self.drives.synced:
+                    synced = True
                     if not self.steps or now - self._last_step > 0.5 * self._period * NS:
                         self._step_wall(now)
                     else:
@@ -195,6 +197,19 @@ class Rig:
                     self._answer(bus, port)
             if not self.drives.synced:
                 self._answer(bus, port)
+        if stepped and not synced:
+            self._integrate_ahead()
+
+    def _integrate_ahead(self) -> None:
+        """Use the time between SYNCs: all but the last substep before the next one.
+
+        What acts until then was fixed at the last SYNC, so nothing is anticipated, and the
+        answer to the next SYNC does not have to wait for the plant.
+        """
+        target = int((self._last_step + self._period * NS - self._origin) / self._dt_ns) - 1
+        if target > self._substeps_done:
+            self.plant.advance(target - self._substeps_done)
+            self._substeps_done = target
 
     def idle_wall(self, now: int) -> None:
         """Let time pass without SYNC: the plant moves on and the watchdogs run.
@@ -228,8 +243,9 @@ class Rig:
             self._event(self.t, 2, "rig", f"not scheduled for {due * self._dt_ns / NS:.3f} s")
             self.stalls += 1
             due = self._substeps
-        self.plant.advance(due)
-        self._substeps_done += due
+        if due > 0:
+            self.plant.advance(due)
+            self._substeps_done += due
         self._last_step = now
         self._latch()
 
@@ -271,9 +287,8 @@ class Rig:
     def _actuate(self) -> None:
         """Put the commands in force into the motors and the brakes."""
         plant, drives = self.plant, self.drives
-        torque_commands(drives.objects, self._scale, plant.command)
-        np.equal(drives.operation_enabled, 1, out=self._released)
-        plant.set_brakes(self._released)
+        if torque_commands(drives.objects, self._scale, plant.command, plant.released):
+            plant.set_brakes(drives.operation_enabled == 1)
 
     def _answer(self, bus: int, port: BusPort) -> None:
         count = self.drives.answer(bus, self._out)
@@ -300,5 +315,3 @@ def initial_state(scenario: Scenario, robot: Robot, on_reference: F64) -> tuple[
     if plant.v0_rad_s is not None:
         v0 = per_joint(plant.v0_rad_s, robot.n, "rig.plant.v0_rad_s")
     return q0, v0
-
-

@@ -7,6 +7,9 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from dftc_rt.bus import unix
 from dftc_rt.bus.directory import check_directory, resolve_directory
@@ -35,12 +38,13 @@ def control(
     lockstep: bool = False,
     log: str | Path | None = None,
     set_: Sequence[str] = (),
-    report: bool = True,
+    report: Annotated[bool, Parameter(negative="--no-report")] = True,
     json: bool = False,
 ) -> int:
     """Control drives on a bus that is named outright: this moves whatever is there.
 
-    Example:
+    Example::
+
         dftc control panda_shoulder_loss --bus unix
 
     Args:
@@ -50,7 +54,7 @@ def control(
             robot's buses, in their order. There is no default.
         bus_dir: Directory of the user-space buses; default as for ``dftc rig``.
         lockstep: Pace by barriers; the rig must run in lock-step too.
-        log: MCAP file to write; default: logs/<scenario>-<time>.mcap.
+        log: MCAP file to write; default: logs/SCENARIO-TIME.mcap.
         set_: Override a key, ``a.b=value``; may be repeated.
         report: Write an HTML report beside the log.
         json: Print one JSON object on stdout.

@@ -8,9 +8,10 @@ import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from cyclopts import Parameter
 
 from dftc_rt.analysis.report import write_report
 from dftc_rt.bus.interface import FrameSocket
@@ -41,21 +42,22 @@ def hil(
     log: str | Path | None = None,
     set_: Sequence[str] = (),
     bus_dir: str | Path | None = None,
-    report: bool = True,
+    report: Annotated[bool, Parameter(negative="--no-report")] = True,
     json: bool = False,
 ) -> int:
     """Run rig, controller and recorder; in real time unless ``lockstep``.
 
     Ends with a summary, and names the log and the report that it wrote.
 
-    Example:
+    Example::
+
         dftc hil panda_shoulder_loss --set duration_s=10
 
     Args:
         scenario: Scenario file, or the name of a shipped one.
         bus: auto, vcan, unix or inprocess; default: as in the scenario.
         lockstep: As fast as it goes, repeatable to the byte.
-        log: MCAP file to write; default: logs/<scenario>-<time>.mcap.
+        log: MCAP file to write; default: logs/SCENARIO-TIME.mcap.
         set_: Override a key, ``a.b=value``; may be repeated.
         bus_dir: Directory of the user-space buses; default: a private one.
         report: Write an HTML report beside the log.
@@ -69,9 +71,7 @@ def hil(
         EnvironmentLacksError: The machine lacks what was asked for.
     """
     opened = session.open_session(scenario, set_)
-    choice = choose_bus(
-        bus or opened.scenario.bus.interface, bus_names(opened.robot.joint_config)
-    )
+    choice = choose_bus(bus or opened.scenario.bus.interface, bus_names(opened.robot.joint_config))
     path = log_path(opened, log)
     with tempfile.TemporaryDirectory(prefix="dftc-") as private:
         buses = RigBuses(opened, choice)

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import Annotated
 
 from cyclopts import App, Parameter
 
 from dftc_rt.cli import analyze, control, doctor, hil, recover, report, rig, robots, simulate
 from dftc_rt.errors import DftcError
-
-SET = Annotated[tuple[str, ...], Parameter(name="--set", negative=())]
 
 
 def build() -> App:
@@ -23,6 +20,8 @@ def build() -> App:
         print_error=False,
         exit_on_error=False,
         result_action="return_value",
+        # A flag has a negative form only where it is on by default.
+        default_parameter=Parameter(negative=()),
     )
     for function in (
         simulate.simulate,

@@ -33,9 +33,10 @@ def rig(
     """Serve the emulated robot until SIGINT or SIGTERM.
 
     The user-space buses are sockets in one directory: ``--bus-dir``, else $DFTC_BUS_DIR,
-    else $XDG_RUNTIME_DIR/dftc or /tmp/dftc-<uid>.
+    else $XDG_RUNTIME_DIR/dftc or /tmp/dftc-UID.
 
-    Example:
+    Example::
+
         dftc rig panda_shoulder_loss --bus unix
 
     Args:
@@ -106,5 +107,3 @@ def rig(
     else:
         print(f"served {made.steps} cycles in {made.t:.3f} s of rig time")
     return 0
-
-

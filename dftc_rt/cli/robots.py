@@ -17,7 +17,8 @@ from dftc_rt.dynamics.robot import Robot, load_robot
 def robots(*, json: bool = False) -> int:
     """List the robots of ``robots/``: joints, torque limits, buses.
 
-    Example:
+    Example::
+
         dftc robots --json
 
     Args:

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 
 from dftc_rt.analysis import metrics, summary
@@ -56,6 +58,13 @@ class Session:
             LogError: The file cannot be created.
         """
         frames = LinkFrames(self.robot)
+
+        def link_frames(q: NDArray[np.float64]) -> list[tuple[str, str, list[float], list[float]]]:
+            return [
+                (t.parent, t.child, t.translation.tolist(), t.quaternion.tolist())
+                for t in frames.transforms(q)
+            ]
+
         return Recorder(
             path,
             self.cycle,
@@ -63,8 +72,9 @@ class Session:
             scenario=self.text,
             urdf=self.robot.urdf_xml,
             versions=versions(),
+            torque_limit=self.parts.torque_limit,
             epoch_ns=epoch_ns,
-            link_frames=frames.transforms,
+            link_frames=link_frames,
         )
 
 
@@ -76,9 +86,7 @@ def open_session(scenario: str | Path, settings: Sequence[str] = ()) -> Session:
     """
     loaded = load_scenario(scenario, settings, SCENARIOS)
     table = loaded.scenario.robot
-    robot = load_robot(
-        name=table.name, urdf=table.urdf, lock=table.lock, home_rad=table.home_rad
-    )
+    robot = load_robot(name=table.name, urdf=table.urdf, lock=table.lock, home_rad=table.home_rad)
     parts = prepare(loaded.scenario, robot)
     return Session(
         loaded.scenario,

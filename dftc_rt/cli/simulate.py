@@ -63,7 +63,8 @@ def simulate(
     The same scenario and seed give the same records, byte for byte (the wall-time fields
     lateness, compute and exchange apart).
 
-    Example:
+    Example::
+
         dftc simulate panda_shoulder_loss --set fault[0].effectiveness=0.5
 
     Args:
@@ -110,12 +111,12 @@ def run_simulation(
     def sink(width: int, write: Callable[[NDArray[np.float64]], None] | None) -> MemorySink:
         return MemorySink(width) if write is None else _DrainingSink(width, write)
 
-    cycles = sink(opened.cycle.size, recorder and recorder.write_cycles)
-    truth = sink(opened.rig.size, recorder and recorder.write_rig)
+    cycles = sink(opened.cycle.size, recorder.write_cycles if recorder else None)
+    truth = sink(opened.rig.size, recorder.write_rig if recorder else None)
     motion = np.empty((3, opened.robot.n))
     opened.parts.reference.sample(0.0, motion)
     joined = in_process_rig(opened.scenario, opened.robot, motion, truth, event)
-    with _StopOnSignal() as stop, _bar(opened, cycles, progress) as tick:
+    with _StopOnSignal() as stop, _Bar(opened, cycles, progress) as tick:
 
         def stop_requested() -> bool:
             tick()
@@ -130,7 +131,12 @@ def run_simulation(
         if isinstance(each, _DrainingSink):
             each.flush()
     run = Run.from_records(
-        opened.cycle, cycles.records(), truth.records(), scenario=opened.text, events=events
+        opened.cycle,
+        cycles.records(),
+        truth.records(),
+        scenario=opened.text,
+        events=events,
+        torque_limit=opened.parts.torque_limit,
     )
     return run, outcome
 
@@ -153,7 +159,7 @@ class _StopOnSignal:
         self.requested = True
 
 
-class _bar(AbstractContextManager[Callable[[], None]]):  # noqa: N801
+class _Bar(AbstractContextManager[Callable[[], None]]):
     """A progress bar on standard error, moved on now and then."""
 
     def __init__(self, opened: Session, cycles: MemorySink, wanted: bool) -> None:

@@ -1,0 +1,1 @@
+"""Configuration: strict TOML to frozen typed structures."""

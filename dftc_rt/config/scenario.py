@@ -21,7 +21,7 @@ class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """Base of every table: immutable, unknown keys refused."""
 
 
-class RobotTable(_Strict):
+class RobotTable(_Strict, frozen=True):
     """``[robot]``: which robot; either ``name`` or ``urdf``."""
 
     name: str | None = None
@@ -30,7 +30,7 @@ class RobotTable(_Strict):
     home_rad: tuple[float, ...] | None = None
 
 
-class ReferenceTable(_Strict):
+class ReferenceTable(_Strict, frozen=True):
     """``[reference]``: desired motion about the home pose."""
 
     kind: Literal["hold", "sine", "multisine", "waypoints", "csv", "paper1", "paper2"] = "multisine"
@@ -46,7 +46,7 @@ class ReferenceTable(_Strict):
     file: str | None = None
 
 
-class ControlTable(_Strict):
+class ControlTable(_Strict, frozen=True):
     """``[control]``: which law, and its settings."""
 
     law: str = "dftc"
@@ -56,7 +56,7 @@ class ControlTable(_Strict):
     gains: dict[str, Any] = {}
 
 
-class ExecutorTable(_Strict):
+class ExecutorTable(_Strict, frozen=True):
     """``[executor]``: the fixed-rate loop."""
 
     rate_hz: Annotated[float, Meta(ge=1, le=10_000)] = 1000.0
@@ -64,7 +64,7 @@ class ExecutorTable(_Strict):
     read_budget: Literal["auto"] | Annotated[float, Meta(gt=0, le=1)] = "auto"
 
 
-class BusTable(_Strict):
+class BusTable(_Strict, frozen=True):
     """``[bus]``: how frames travel."""
 
     interface: str = "auto"
@@ -74,7 +74,7 @@ class BusTable(_Strict):
     data_bitrate: Annotated[int, Meta(ge=10_000, le=8_000_000)] = 5_000_000
 
 
-class SupervisorTable(_Strict):
+class SupervisorTable(_Strict, frozen=True):
     """``[supervisor]``: limits that end in a safe stop."""
 
     tracking_error_rad: Positive = 0.5
@@ -84,7 +84,7 @@ class SupervisorTable(_Strict):
     stop_ramp_s: Positive = 0.3
 
 
-class PlantTable(_Strict):
+class PlantTable(_Strict, frozen=True):
     """``[rig.plant]``: the true robot; the controller is not told."""
 
     substeps: Annotated[int, Meta(ge=1, le=1000)] = 4
@@ -97,7 +97,7 @@ class PlantTable(_Strict):
     armature: Scalars | None = None
 
 
-class DriveTable(_Strict):
+class DriveTable(_Strict, frozen=True):
     """``[rig.drive]``: the emulated drives."""
 
     encoder_bits: Annotated[int, Meta(ge=4, le=31)] = 19
@@ -106,33 +106,33 @@ class DriveTable(_Strict):
     watchdog_s: Positive = 0.02
 
 
-class RigTable(_Strict):
+class RigTable(_Strict, frozen=True):
     """``[rig]``: the robot's stand-in."""
 
     plant: PlantTable = PlantTable()
     drive: DriveTable = DriveTable()
 
 
-class _Fault(_Strict, tag_field="kind", kw_only=True):
+class _Fault(_Strict, frozen=True, tag_field="kind", kw_only=True):
     joint: str
     start_s: NonNegative = 0.0
     end_s: Positive = 1e9
 
 
-class LossFault(_Fault, tag="loss", kw_only=True):
+class LossFault(_Fault, frozen=True, tag="loss", kw_only=True):
     """Constant partial loss: the motor delivers ``effectiveness`` of its torque."""
 
     effectiveness: Fraction
 
 
-class RampFault(_Fault, tag="ramp", kw_only=True):
+class RampFault(_Fault, frozen=True, tag="ramp", kw_only=True):
     """Incipient loss: effectiveness falls linearly from 1 to ``to`` in ``over_s``."""
 
     to: Fraction
     over_s: Positive
 
 
-class SineFault(_Fault, tag="sine", kw_only=True):
+class SineFault(_Fault, frozen=True, tag="sine", kw_only=True):
     """Effectiveness ``mean + amplitude cos(omega t)``, t since the run began."""
 
     mean: Fraction
@@ -140,7 +140,7 @@ class SineFault(_Fault, tag="sine", kw_only=True):
     omega_rad_s: Positive
 
 
-class IntermittentFault(_Fault, tag="intermittent", kw_only=True):
+class IntermittentFault(_Fault, frozen=True, tag="intermittent", kw_only=True):
     """Loss that comes and goes: ``effectiveness`` for ``duty`` of each period."""
 
     effectiveness: Fraction
@@ -148,14 +148,14 @@ class IntermittentFault(_Fault, tag="intermittent", kw_only=True):
     duty: Fraction = 0.5
 
 
-class TotalFault(_Fault, tag="total", kw_only=True):
+class TotalFault(_Fault, frozen=True, tag="total", kw_only=True):
     """Total loss: no torque at all."""
 
 
 Fault = LossFault | RampFault | SineFault | IntermittentFault | TotalFault
 
 
-class Scenario(_Strict):
+class Scenario(_Strict, frozen=True):
     """One run. See the module's docstring."""
 
     name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9._-]+$")]

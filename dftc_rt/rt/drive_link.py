@@ -14,8 +14,7 @@ from dftc_rt.bus.frame import BARRIER_ID, Frames, frame_buffer, unpack
 from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.bus.wait import Waiter
 from dftc_rt.drives.cia402 import codec, states
-from dftc_rt.drives.cia402.cycle import Cia402Cycle
-from dftc_rt.drives.interface import SetUp
+from dftc_rt.drives.interface import DriveCycle, SetUp
 from dftc_rt.errors import BusError
 from dftc_rt.rt.clock import NS, Clock
 
@@ -28,7 +27,7 @@ _LOCKSTEP_PATIENCE_S: Final = 1.0  # between looks; a rig that dies closes the b
 _LIVE: Final = (states.OPERATION_ENABLED, states.QUICK_STOP_ACTIVE)
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _age(seen: I64, age: F64) -> int:
     """Age what was not answered; return how many joints that is."""
     missing = 0
@@ -56,7 +55,7 @@ class DriveLink:
     def __init__(
         self,
         sockets: Sequence[FrameSocket],
-        cycle: Cia402Cycle,
+        cycle: DriveCycle,
         clock: Clock,
         read_budget_s: float,
         event: Callable[[str, str], object],

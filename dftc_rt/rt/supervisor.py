@@ -61,7 +61,7 @@ UNCONTROLLED: Final = frozenset({NOT_FINITE, DRIVE_FAULT, STALE})
 _STATUS_FAULT = 0x0008  # CiA 402 statusword, bit 3
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _check(
     rec: F64,
     statusword: NDArray[np.int64],

@@ -1,0 +1,1 @@
+"""What the emulated drives are: protocol, object dictionary, sensors."""

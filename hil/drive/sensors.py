@@ -22,7 +22,7 @@ I64 = NDArray[np.int64]
 _BLOCK: Final = 4096  # noise drawn at a time, per joint
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _latch(
     q: F64, v: F64, motor: F64, scale: F64, resolution: float, noise: F64, objects: I64
 ) -> None:
@@ -34,11 +34,24 @@ def _latch(
         objects[i, slots.TORQUE_ACTUAL] = np.int64(min(max(torque, -32768.0), 32767.0))
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
-def torque_commands(objects: I64, scale: F64, command: F64) -> None:
-    """Write the torque each current loop is to follow, (n,), Nm; 0 where off."""
+@numba.njit(cache=True)
+def torque_commands(objects: I64, scale: F64, command: F64, released: NDArray[np.bool_]) -> bool:
+    """Put what the drives want into the motors and say whether a brake is to move.
+
+    Args:
+        objects: The drives, (n, N_OBJECTS).
+        scale: ``ScaleTable.values``.
+        command: Out, (n,), Nm: torque each current loop is to follow; 0 where off.
+        released: Brakes that are open now, (n,).
+
+    Returns:
+        Whether some drive's enable bit and its brake disagree.
+    """
+    change = False
     for i in range(command.shape[0]):
         command[i] = objects[i, slots.COMMAND] * scale[TORQUE_PER_COUNT, i]
+        change = change or (objects[i, slots.ENABLED] == 1) != released[i]
+    return change
 
 
 class Sensors:

@@ -29,7 +29,7 @@ F64 = NDArray[np.float64]
 V_STICK: Final = 0.01  # rad/s at which Coulomb friction has all but reached its value
 
 
-@numba.njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, error_model="numpy")
 def _torques(
     t: float,
     alpha: float,
@@ -47,18 +47,32 @@ def _torques(
     for i in range(v.shape[0]):
         rows[1, i] += alpha * (rows[0, i] - rows[1, i])
         rows[2, i] = rows[3, i] * rows[1, i]
-        tau[i] = (
-            rows[2, i]
-            - friction[0, i] * v[i]
-            - friction[1, i] * np.tanh(v[i] / V_STICK)
-        )
+        tau[i] = rows[2, i] - friction[0, i] * v[i] - friction[1, i] * np.tanh(v[i] / V_STICK)
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _integrate(dt: float, a: F64, v: F64, q: F64) -> None:
     for i in range(v.shape[0]):
         v[i] += dt * a[i]
         q[i] += dt * v[i]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _step(
+    t: float,
+    dt: float,
+    a: F64,
+    q: F64,
+    v: F64,
+    alpha: float,
+    faults: NDArray[np.void],
+    rows: F64,
+    friction: F64,
+    tau: F64,
+) -> None:
+    """Integrate one substep, then find the torque of the next, which begins at ``t``."""
+    _integrate(dt, a, v, q)
+    _torques(t, alpha, faults, rows, v, friction, tau)
 
 
 class RigidBodyPlant:
@@ -125,6 +139,7 @@ class RigidBodyPlant:
         self.command, self.motor, self.applied, self.rho, self.fault = self.rows
         self.rho[:] = 1.0
         self._tau = np.zeros(n)
+        self._at_rest = np.zeros(n)
         self.q, self.v = q0.astype(np.float64).copy(), np.zeros(n)
         self._v0 = v0.astype(np.float64).copy()
         self.released = np.zeros(n, dtype=bool)
@@ -164,21 +179,28 @@ class RigidBodyPlant:
 
     def advance(self, steps: int) -> None:
         """Integrate ``steps`` substeps of ``dt``."""
-        rows, q, v, tau = self.rows, self.q, self.v, self._tau
-        for _ in range(steps):
-            _torques(self._steps * self.dt, self._alpha, self._faults, rows, v, self._friction, tau)
-            if self._all_released:
-                a = pin.aba(
-                    self._model,
-                    self._data,
-                    q if self._direct else self._configuration(q),
-                    v,
-                    tau,
-                )
-                _integrate(self.dt, a, v, q)
-            elif self._any_released:
-                _integrate(self.dt, self._constrained(), v, q)
+        if steps <= 0:
+            return
+        rows, q, v, tau, dt = self.rows, self.q, self.v, self._tau, self.dt
+        alpha, faults, friction = self._alpha, self._faults, self._friction
+        _torques(self._steps * dt, alpha, faults, rows, v, friction, tau)
+        for left in range(steps - 1, -1, -1):
+            a = self._acceleration()
             self._steps += 1
+            if left:
+                _step(self._steps * dt, dt, a, q, v, alpha, faults, rows, friction, tau)
+            else:
+                _integrate(dt, a, v, q)
+
+    def _acceleration(self) -> F64:
+        """Forward dynamics under the brakes, (n,), rad/s^2."""
+        if self._all_released:
+            x = self.q if self._direct else self._configuration(self.q)
+            a: F64 = pin.aba(self._model, self._data, x, self.v, self._tau)
+            return a
+        if self._any_released:
+            return self._constrained()
+        return self._at_rest
 
     def _mass_matrix(self) -> F64:
         M = pin.crba(self._model, self._data, self._configuration(self.q))
@@ -190,9 +212,7 @@ class RigidBodyPlant:
         h = pin.nonLinearEffects(self._model, self._data, self._configuration(self.q), self.v)
         free = self.released
         a = np.zeros(self.n)
-        a[free] = np.linalg.solve(
-            self._mass_matrix()[np.ix_(free, free)], (self._tau - h)[free]
-        )
+        a[free] = np.linalg.solve(self._mass_matrix()[np.ix_(free, free)], (self._tau - h)[free])
         self.motor[~free] = 0.0
         self.applied[~free] = 0.0
         return a

@@ -62,9 +62,7 @@ class RigBuses:
                 for n in names
             ]
         return [
-            SocketCanPort(
-                n, self.choice.interfaces[n], timing=table.timing, bitrate=table.bitrate
-            )
+            SocketCanPort(n, self.choice.interfaces[n], timing=table.timing, bitrate=table.bitrate)
             for n in names
         ]
 
@@ -95,9 +93,7 @@ def make_rig(
     return Rig(opened.scenario, opened.robot, ports, q0, v0, sink, event)
 
 
-def join(
-    names: Sequence[str], choice: BusChoice, directory: Path | None
-) -> list[FrameSocket]:
+def join(names: Sequence[str], choice: BusChoice, directory: Path | None) -> list[FrameSocket]:
     """Open the controller's end of every bus.
 
     Raises:

@@ -160,5 +160,3 @@ class Launcher:
         self._flags.stop = True
         if not self._requested_at:
             self._requested_at = time.monotonic()
-
-
