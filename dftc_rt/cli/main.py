@@ -17,6 +17,7 @@ def build() -> App:
         name="dftc",
         help="Decentralised fault-tolerant control for URDF robots.",
         version_flags=["--version"],
+        help_format="restructuredtext",
         print_error=False,
         exit_on_error=False,
         result_action="return_value",
