@@ -75,7 +75,7 @@ def fault_figure(
     for axes in (top, bottom):
         axes.axvline(fault.start_s, color="0.6", linewidth=0.8, linestyle=":")
         axes.grid(alpha=0.25)
-        axes.legend(loc="upper right", fontsize=8, framealpha=0.85)
+        axes.legend(loc="best", fontsize=8, framealpha=0.85)
     return figure
 
 

@@ -11,7 +11,7 @@ import math
 import statistics
 import time
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -144,27 +144,52 @@ def compile_model(
     return model
 
 
-def measure(model: Any, q: NDArray[np.float64], substeps: int = 4, cycles: int = 5000) -> Floor:
-    """Time bare steps from the pose ``q``, held by the torque that balances it.
+def steps(model: Any, q: NDArray[np.float64], substeps: int = 4) -> Callable[[int], None]:
+    """Return a function that makes ``substeps`` bare steps a cycle.
+
+    It starts from the pose ``q`` each time it is called, held by the torque that balances
+    it, and returns to it every 100 cycles, so that nothing runs away.
 
     Args:
         model: From :func:`compile_model`.
         q: (n,) rad (m), in MuJoCo's joint order.
         substeps: Steps of one cycle.
-        cycles: Cycles to time, in blocks of 100 that each start at ``q``.
     """
     import mujoco
 
     data = mujoco.MjData(model)
+    data.qpos[:] = q
+    mujoco.mj_forward(model, data)
+    held = data.qfrc_bias.copy()
+
+    def run(cycles: int) -> None:
+        step = mujoco.mj_step
+        for k in range(cycles):
+            if k % 100 == 0:
+                mujoco.mj_resetData(model, data)
+                data.qpos[:] = q
+                data.qfrc_applied[:] = held
+            step(model, data, nstep=substeps)
+
+    return run
+
+
+def measure(
+    model: Any, q: NDArray[np.float64], substeps: int = 4, cycles: int = 5000
+) -> Floor:
+    """Time :func:`steps` in blocks of 100 cycles.
+
+    Args:
+        model: From :func:`compile_model`.
+        q: (n,) rad (m), in MuJoCo's joint order.
+        substeps: Steps of one cycle.
+        cycles: Cycles to time.
+    """
+    run = steps(model, q, substeps)
     blocks = []
     for _ in range(max(cycles // 100, 1)):
-        mujoco.mj_resetData(model, data)
-        data.qpos[:] = q
-        mujoco.mj_forward(model, data)
-        data.qfrc_applied[:] = data.qfrc_bias
         start = time.perf_counter_ns()
-        for _ in range(100):
-            mujoco.mj_step(model, data, nstep=substeps)
+        run(100)
         blocks.append((time.perf_counter_ns() - start) / 100e3)
     cycle_us = statistics.median(blocks)
     return Floor(cycle_us / substeps, cycle_us, model.nv)
