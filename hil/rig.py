@@ -296,6 +296,21 @@ class Rig:
             port.send(self._out, count)
 
 
+def check_rig(scenario: Scenario, robot: Robot) -> None:
+    """Check what the rig's process would refuse, before there is one.
+
+    Raises:
+        InputError: A value of ``[rig]`` or a fault does not fit the robot.
+    """
+    compile_faults(scenario.fault, robot.joints)
+    initial_state(scenario, robot, np.zeros((2, robot.n)))
+    plant = scenario.rig.plant
+    for name in ("viscous", "coulomb", "armature"):
+        value = getattr(plant, name)
+        if value is not None:
+            per_joint(value, robot.n, f"rig.plant.{name}")
+
+
 def initial_state(scenario: Scenario, robot: Robot, on_reference: F64) -> tuple[F64, F64]:
     """Return true initial position and velocity, (n,) each.
 

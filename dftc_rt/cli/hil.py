@@ -23,6 +23,7 @@ from dftc_rt.cli.processes.child import Flags
 from dftc_rt.cli.processes.launcher import Ended, Launcher
 from dftc_rt.cli.processes.roles import Rings
 from dftc_rt.cli.session import Session
+from dftc_rt.cli.simulate import warm_up
 from dftc_rt.cli.status import Status
 from dftc_rt.drives.wiring import bus_names
 from dftc_rt.errors import DftcError, InputError
@@ -32,6 +33,8 @@ from dftc_rt.rt.process import report_refused
 from hil.bus.port import BusPort
 from hil.rig import Rig
 from hil.simulate import in_process_rig
+
+_CRASH_MARGIN_S = 0.1
 
 
 def hil(
@@ -73,6 +76,7 @@ def hil(
     opened = session.open_session(scenario, set_)
     choice = choose_bus(bus or opened.scenario.bus.interface, bus_names(opened.robot.joint_config))
     path = log_path(opened, log)
+    warm_up(opened)
     with tempfile.TemporaryDirectory(prefix="dftc-") as private:
         buses = RigBuses(opened, choice)
         directory = Path(bus_dir) if bus_dir is not None else Path(private)
@@ -130,6 +134,7 @@ def _launch(
 
     def over_buses() -> Sequence[FrameSocket]:
         buses.let_go()
+        roles.await_rig(flags)
         directory = buses.directory.path if buses.directory is not None else None
         return join(names, choice, directory)
 
@@ -138,6 +143,8 @@ def _launch(
         return make_rig(opened, ports, rings.rig, rings.events[1].write), ports
 
     alone = choice.kind == "inprocess"
+    flags.ready = alone
+    watchdog_s = opened.scenario.rig.drive.watchdog_s
     return Launcher(
         rings,
         flags,
@@ -151,6 +158,7 @@ def _launch(
         lambda file: roles.recorder(opened, file, epoch_ns, rings, with_rig=True),
         path,
         status.watch,
+        crash_s=0.0 if lockstep else watchdog_s + _CRASH_MARGIN_S,
     ).run()  # fmt: skip
 
 
@@ -160,6 +168,8 @@ def outcome_of(ended: Ended) -> Outcome:
     if "outcome" in report:
         raw = report["outcome"]
         return Outcome(raw["end_state"], raw["reason"], Counters(**raw["counters"]))
+    if ended.interrupted and "exit_code" in report:
+        return Outcome("interrupted", "stopped before the drives were armed")
     return Outcome("failed", report.get("error", "the controller ended without a word"))
 
 

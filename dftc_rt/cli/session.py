@@ -27,6 +27,7 @@ from dftc_rt.log.run import Run
 from dftc_rt.log.schema import Layout, cycle_layout, rig_layout
 from dftc_rt.rt.executor import Outcome
 from hil import SCENARIOS
+from hil.rig import check_rig
 
 _PACKAGES = ("dftc_rt", "pin", "numba", "numpy", "canopen", "python-can", "foxglove-sdk")
 
@@ -87,6 +88,7 @@ def open_session(scenario: str | Path, settings: Sequence[str] = ()) -> Session:
     loaded = load_scenario(scenario, settings, SCENARIOS)
     table = loaded.scenario.robot
     robot = load_robot(name=table.name, urdf=table.urdf, lock=table.lock, home_rad=table.home_rad)
+    check_rig(loaded.scenario, robot)
     parts = prepare(loaded.scenario, robot)
     return Session(
         loaded.scenario,

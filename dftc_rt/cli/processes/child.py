@@ -33,6 +33,7 @@ class Flags:
         stop: The controller is to stop safely.
         end: The rig is to end.
         running: The controller's loop runs.
+        serving: The rig has been built and answers.
     """
 
     def __init__(self) -> None:
@@ -62,6 +63,15 @@ class Flags:
         self._words[1] = value
 
     @property
+    def ready(self) -> bool:
+        """The rig answers."""
+        return self._get(3)
+
+    @ready.setter
+    def ready(self, value: bool) -> None:
+        self._words[3] = value
+
+    @property
     def running(self) -> bool:
         """The controller's loop runs."""
         return self._get(2)
@@ -69,6 +79,15 @@ class Flags:
     @running.setter
     def running(self, value: bool) -> None:
         self._words[2] = value
+
+    @property
+    def serving(self) -> bool:
+        """The rig has been built and answers."""
+        return self._get(3)
+
+    @serving.setter
+    def serving(self, value: bool) -> None:
+        self._words[3] = value
 
 
 class Child:

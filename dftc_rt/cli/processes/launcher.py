@@ -61,6 +61,7 @@ class Launcher:
         recorder: Callable[[Path], dict[str, Any]],
         log: Path,
         watch: Callable[[Rings], None],
+        crash_s: float = 0.0,
     ) -> None:
         """Prepare; :meth:`run` starts.
 
@@ -72,12 +73,15 @@ class Launcher:
             recorder: Runs in ``dftc-recorder``, given the file to write.
             log: First file.
             watch: Called a few times a second while the controller runs.
+            crash_s: How long the rig goes on without a controller that was killed in its
+                loop, s: the drives' watchdogs act, and the log shows it.
         """
         self._rings = rings
         self._flags = flags
         self._roles = (controller, rig, recorder)
         self._log = log
         self._watch = watch
+        self._crash_s = crash_s
         self._ended = Ended()
         self._requested_at = 0.0
 
@@ -98,7 +102,9 @@ class Launcher:
                 time.sleep(_LOOK_S)
                 if rig is not None and rig.poll() is not None and not self._ended.rig_failed:
                     self._ended.rig_failed = True
+                    self._flags.end = True
                     self._trouble(rig.report.get("error", "dftc-rig ended early"))
+                    self._flags.stop = True
                 if recorder.poll() is not None and len(self._ended.logs) < _RECORDERS:
                     self._trouble(
                         recorder.report.get("error", "dftc-recorder ended early")
@@ -111,6 +117,8 @@ class Launcher:
                     self._trouble("dftc-controller did not stop when asked; it was killed")
                     controller.kill()
             self._ended.controller = controller.report
+            if self._flags.running:
+                time.sleep(self._crash_s)
             self._rings.cycle.end()
             self._rings.events[0].end()
             self._flags.end = True

@@ -27,6 +27,8 @@ CONTROLLER_PRIORITY = 80
 # starved by a controller that spins.
 RIG_PRIORITY = 80
 _ORPHAN_PATIENCE_S = 3.0
+_LOOK_S = 0.005
+_LOOK_S = 0.005
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,7 +73,7 @@ def controller(
         opened: The session.
         connect_buses: Opens the controller's sockets, in the order of ``bus_names``.
         rings: Where records and events go.
-        flags: ``stop`` asks for a safe stop.
+        flags: ``stop`` asks for a safe stop; the drives are not spoken to before ``ready``.
         lockstep: No waiting, no real-time settings.
 
     Returns:
@@ -87,6 +89,8 @@ def controller(
     refused: list[str] = []
     real_time: RealTime | None = None
     try:
+        while not (flags.ready or flags.stop):
+            time.sleep(_LOOK_S)
         executor = connect(
             opened.scenario, opened.parts, connect_buses(), clock, rings.cycle, events.write,
             lambda: flags.stop,
@@ -108,6 +112,18 @@ def controller(
         if real_time is not None:
             real_time.release()
     return {"outcome": dataclasses.asdict(outcome), "refused": refused}
+
+
+def await_rig(flags: Flags) -> None:
+    """Wait until the rig answers: on a fresh machine it compiles its kernels first.
+
+    Raises:
+        BusError: The rig has ended, or the operator wants to stop.
+    """
+    while not flags.serving:
+        if flags.end or flags.stop:
+            raise BusError("rig", "ended before the drives answered")
+        time.sleep(_LOOK_S)
 
 
 def rig(
@@ -147,11 +163,10 @@ def rig(
     ports: Sequence[BusPort] = ()
     try:
         made, ports = build()
+        flags.serving = True
         if lockstep:
             run_lockstep(made, ports, ended)
         else:
-            real_time = RealTime(RIG_PRIORITY, last_core())
-            refused = real_time.refused
             run_wall(made, ports, ended)
         return {
             "refused": refused,
