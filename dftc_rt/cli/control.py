@@ -23,6 +23,7 @@ from dftc_rt.cli.processes import roles
 from dftc_rt.cli.processes.child import Flags
 from dftc_rt.cli.processes.launcher import Launcher
 from dftc_rt.cli.processes.roles import Rings
+from dftc_rt.cli.simulate import warm_up
 from dftc_rt.cli.status import Status
 from dftc_rt.drives.wiring import bus_names
 from dftc_rt.errors import EnvironmentLacksError, InputError
@@ -72,7 +73,9 @@ def control(
     for socket in connect():  # fail here, in one line, rather than in a child
         socket.close()
     path = log_path(opened, log)
+    warm_up(opened)
     rings, flags = Rings.create(opened), Flags()
+    flags.ready = True  # whether the drives are there, set-up will tell
     epoch_ns = 0 if lockstep else time.time_ns()
     print(f"bus: {bus}", file=sys.stderr, flush=True)
     with Status(opened, quiet=json or lockstep) as status:

@@ -14,6 +14,7 @@ from dftc_rt.bus.directory import resolve_directory
 from dftc_rt.bus.select import choose_bus
 from dftc_rt.cli import session
 from dftc_rt.cli.processes.buses import RigBuses, make_rig
+from dftc_rt.cli.simulate import warm_up
 from dftc_rt.drives.wiring import bus_names
 from dftc_rt.errors import InputError
 from dftc_rt.ring import EventRing, Ring
@@ -59,6 +60,7 @@ def rig(
     choice = choose_bus(bus or opened.scenario.bus.interface, names)
     if choice.kind == "inprocess":
         raise InputError("--bus", "'inprocess'", "vcan or unix: a rig alone is another process")
+    warm_up(opened)
     buses = RigBuses(opened, choice)
     directory = resolve_directory(bus_dir)
     buses.open(directory)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import signal
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from types import FrameType
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
@@ -80,6 +83,7 @@ def simulate(
         InputError: The scenario is wrong.
     """
     opened = session.open_session(scenario, set_)
+    warm_up(opened)
     recorder = opened.recorder(log, epoch_ns=0) if log is not None else None
     with recorder or nullcontext():
         run, outcome = run_simulation(opened, recorder)
@@ -139,6 +143,32 @@ def run_simulation(
         torque_limit=opened.parts.torque_limit,
     )
     return run, outcome
+
+
+def warm_up(opened: Session) -> None:
+    """Run a few cycles and forget them, so that everything the run calls is compiled.
+
+    Numba compiles a kernel when it is first called, once per installation, and loads it
+    from its cache after that. Done before the processes are forked, it is done for all.
+    """
+    short = msgspec.structs.replace(opened.scenario, duration_s=0.02)
+    brief = dataclasses.replace(opened, scenario=short)
+    with _SayIfSlow("compiling the kernels; once per installation, this takes a minute or so"):
+        run_simulation(brief, progress=False)
+
+
+class _SayIfSlow:
+    """Prints a line on standard error if what it surrounds takes long."""
+
+    def __init__(self, line: str) -> None:
+        self._timer = threading.Timer(2.5, print, (line,), {"file": sys.stderr, "flush": True})
+
+    def __enter__(self) -> None:
+        self._timer.start()
+
+    def __exit__(self, *_: object) -> None:
+        self._timer.cancel()
+        self._timer.join()  # no thread is left when a process is forked
 
 
 class _StopOnSignal:

@@ -40,6 +40,14 @@ def _age(seen: I64, age: F64) -> int:
     return missing
 
 
+@numba.njit(cache=True)
+def _late(seen: I64, age: F64) -> None:
+    """Count answers that came after the last cycle's read budget as what they are: its own."""
+    for i in range(seen.shape[0]):
+        if seen[i] & 1:
+            age[i] = 0.0
+
+
 class DriveLink:
     """Exchanges SYNC, feedback and commands with the drives of a robot.
 
@@ -117,6 +125,7 @@ class DriveLink:
         if not self._lockstep:
             for bus in self._buses:  # an answer to an earlier tick is never new
                 self._take(bus)
+            _late(cycle.seen, self.age)
         cycle.begin()
         for bus in self._buses:
             rows = cycle.sync(bus, out)
