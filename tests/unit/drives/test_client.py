@@ -118,6 +118,14 @@ def test_missing_drive_is_one_line_in_bounded_time(
         bus.close()
 
 
+def test_in_process_there_is_nothing_to_wait_for() -> None:
+    # The other side has run when send returns: an hour's patience is not used up.
+    _, buses = rig(1)
+    buses[0].deaf = True
+    with pytest.raises(DriveError, match="no answer to SDO"):
+        client(buses, 1, timeout_s=3600.0).configure()
+
+
 @pytest.mark.parametrize(
     ("change", "what"),
     [

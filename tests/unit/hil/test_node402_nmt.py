@@ -215,6 +215,17 @@ def test_other_nodes_heartbeats_do_not_count() -> None:
     assert not bus.drives.enabled(0)
 
 
+def test_each_drive_watches_its_own_producer() -> None:
+    bus = DriveBus(drives_of(scales(2)))
+    for node, producer in ((1, 127), (2, 126)):
+        write(bus, node, 0x1016, 1, producer << 16 | 50, 4)
+    bus.exchange((0x77F, b"\x05"), (0x77E, b"\x05"))
+    bus.drives.tick(0.04)
+    bus.exchange((0x77E, b"\x05"))
+    bus.drives.tick(0.06)
+    assert bus.drives.state.tolist() == [s.FAULT_REACTION_ACTIVE, s.SWITCH_ON_DISABLED]
+
+
 def test_watchdog_counts_rig_time_between_rpdos() -> None:
     bus = live(watchdog_s=0.02)
     bus.drives.tick(0.020)

@@ -222,6 +222,11 @@ def test_pdos_need_the_operational_state(bus: DriveBus, command: int) -> None:
     assert bus.drives.objects[0, slots.CONTROLWORD] == 0  # what was held is forgotten
 
 
+def test_controlword_by_pdo_before_the_start_is_not_heard(bus: DriveBus) -> None:
+    assert bus.exchange((0x201, b"\x06\x00")) == []
+    assert bus.drives.objects[0, slots.CONTROLWORD] == 0
+
+
 @pytest.mark.parametrize("flags", [0x8000_0000, 0x4000_0000, 0x2000_0000])
 def test_remote_error_and_29_bit_frames_are_not_for_drives(bus: DriveBus, flags: int) -> None:
     bus.exchange(START_ALL)
