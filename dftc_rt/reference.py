@@ -128,12 +128,19 @@ class Reference:
 
         Real-time safe: no allocation.
         """
+        self.target(t, out)
+        if t < self._blend_s:
+            _blend(t, self._blend_s, self._q0, out)
+
+    def target(self, t: float, out: F64) -> None:
+        """Write the motion that is blended in, as if it had always been followed.
+
+        Same form as :meth:`sample`, and as safe in real time.
+        """
         if self._sine_form is not None:
             _sines(t, *self._sine_form, out)
         elif self._poly_form is not None:
             _polynomial(t, *self._poly_form, out)
-        if t < self._blend_s:
-            _blend(t, self._blend_s, self._q0, out)
 
     def table(self, times: F64) -> F64:
         """Return the motion at ``times`` (K,) as an array (K, 3, n)."""

@@ -125,7 +125,7 @@ def _launch(
 
     def in_process() -> Sequence[FrameSocket]:
         motion = np.empty((3, opened.robot.n))
-        opened.parts.reference.sample(0.0, motion)
+        opened.parts.reference.target(0.0, motion)
         made = in_process_rig(
             opened.scenario, opened.robot, motion, rings.rig, rings.events[1].write,
             None if lockstep else time.monotonic_ns,

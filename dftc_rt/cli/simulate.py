@@ -118,7 +118,7 @@ def run_simulation(
     cycles = sink(opened.cycle.size, recorder.write_cycles if recorder else None)
     truth = sink(opened.rig.size, recorder.write_rig if recorder else None)
     motion = np.empty((3, opened.robot.n))
-    opened.parts.reference.sample(0.0, motion)
+    opened.parts.reference.target(0.0, motion)
     joined = in_process_rig(opened.scenario, opened.robot, motion, truth, event)
     with _StopOnSignal() as stop, _Bar(opened, cycles, progress) as tick:
 

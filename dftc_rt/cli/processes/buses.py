@@ -88,7 +88,7 @@ def make_rig(
         InputError: A value of ``[rig]`` or a fault does not fit the robot.
     """
     motion = np.empty((3, opened.robot.n))
-    opened.parts.reference.sample(0.0, motion)
+    opened.parts.reference.target(0.0, motion)
     q0, v0 = initial_state(opened.scenario, opened.robot, motion)
     return Rig(opened.scenario, opened.robot, ports, q0, v0, sink, event)
 
