@@ -173,7 +173,8 @@ def connect(
     chosen = profile(scenario.bus.profile)
     drives = drive_configs(robot.joint_config)
     rate = scenario.executor.rate_hz
-    found = chosen.setup(sockets, drives, rate).configure()
+    setup = chosen.setup(sockets, drives, rate)
+    found = setup.configure()
     link = DriveLink(
         sockets,
         chosen.cycle(drives, len(sockets), rate),
@@ -186,7 +187,7 @@ def connect(
     table = _tabulate(scenario, parts) if scenario.control.local_terms == "tabulated" else None
     executor = Executor(
         scenario, robot.joints, parts.torque_limit, clock, link, parts.law, parts.reference,
-        parts.terms, table, sink, event, stop_requested,
+        parts.terms, table, sink, event, stop_requested, setup.shutdown,
     )  # fmt: skip
     return executor
 

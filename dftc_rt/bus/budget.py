@@ -17,6 +17,7 @@ from dftc_rt.bus.bits import nominal_bits, worst_bits
 from dftc_rt.errors import InputError
 
 WORST_CASE_LIMIT: Final = 0.9  # share of the period
+STATUS_PER_S: Final = 100.0  # per joint, 3 bytes: TPDO2 inhibits itself for 10 ms
 SDO_TRANSFERS_PER_S: Final = 100.0  # per bus; a request and a response of 8 bytes each
 HEARTBEATS_PER_S: Final = 10.0  # per joint, 1 byte
 EMERGENCIES_PER_S: Final = 10.0  # per joint, 8 bytes
@@ -103,10 +104,11 @@ def cia402_items(joints: int, rate_hz: float) -> tuple[LoadItem, ...]:
         rate_hz: Cycles per second.
     """
     return (
-        LoadItem("SYNC", "sync", 0, 1.0),
+        LoadItem("SYNC with counter", "sync", 1, 1.0),
         LoadItem("RPDO1 command", "command", 4, float(joints)),
         LoadItem("TPDO1 position, velocity", "answer", 8, float(joints)),
         LoadItem("TPDO3 torque", "status", 2, 1.0),
+        LoadItem("TPDO2 statusword, mode", "status", 3, joints * STATUS_PER_S / rate_hz),
         LoadItem("SDO", "reserve", 8, 2.0 * SDO_TRANSFERS_PER_S / rate_hz),
         LoadItem("heartbeat", "reserve", 1, joints * HEARTBEATS_PER_S / rate_hz),
         LoadItem("EMCY", "reserve", 8, joints * EMERGENCIES_PER_S / rate_hz),

@@ -6,7 +6,7 @@ exchange waits (docs/architecture.md, "One cycle").
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Protocol
 
@@ -118,6 +118,7 @@ class Executor:
         sink: RecordSink,
         event: EventFunction,
         stop_requested: Callable[[], bool],
+        shutdown: Callable[[], Sequence[str]],
     ) -> None:
         """Put the parts together; nothing moves before :meth:`run`.
 
@@ -134,6 +135,8 @@ class Executor:
             sink: Takes one record a cycle.
             event: Takes events.
             stop_requested: Polled once a cycle: the operator wants a safe stop.
+            shutdown: Takes power off every drive after the loop, however it ended; returns
+                the joints whose drive did not confirm.
         """
         n = len(joints)
         self._joints = joints
@@ -147,6 +150,7 @@ class Executor:
         self._sink = sink
         self._event = event
         self._stop_requested = stop_requested
+        self._shutdown = shutdown
         self._period_ns = round(NS / scenario.executor.rate_hz)
         self._period = 1.0 / scenario.executor.rate_hz
         self._supervisor = Supervisor(scenario.supervisor, torque_limit, self._period)
@@ -191,6 +195,10 @@ class Executor:
                          read_done - started + written - computed)  # fmt: skip
             k = self._next_tick(k, first_tick)
         counters.missed = link.missed
+        for joint in self._shutdown():
+            self._event(
+                k * self._period, WARNING, "controller", f"{joint}: power off not confirmed"
+            )
         return self.outcome
 
     def _start(self) -> None:
