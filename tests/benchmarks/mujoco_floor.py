@@ -174,9 +174,7 @@ def steps(model: Any, q: NDArray[np.float64], substeps: int = 4) -> Callable[[in
     return run
 
 
-def measure(
-    model: Any, q: NDArray[np.float64], substeps: int = 4, cycles: int = 5000
-) -> Floor:
+def measure(model: Any, q: NDArray[np.float64], substeps: int = 4, cycles: int = 5000) -> Floor:
     """Time :func:`steps` in blocks of 100 cycles.
 
     Args:
