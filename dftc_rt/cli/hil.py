@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -81,11 +82,18 @@ def hil(
         buses = RigBuses(opened, choice)
         directory = Path(bus_dir) if bus_dir is not None else Path(private)
         buses.open(directory)
+
+        def abandon() -> None:
+            """What is left to do for the rig when this process was killed."""
+            buses.release()
+            with contextlib.suppress(OSError):
+                Path(private).rmdir()
+
         try:
             where = f" in {directory}" if choice.kind == "unix" else ""
             print(f"bus: {choice.reason}{where}", file=sys.stderr, flush=True)
             with Status(opened, quiet=json or lockstep) as status:
-                ended = _launch(opened, choice, buses, path, lockstep, status)
+                ended = _launch(opened, choice, buses, path, lockstep, status, abandon)
         finally:
             buses.release()
     return finish(opened, ended, report=report, json=json)
@@ -118,6 +126,7 @@ def _launch(
     path: Path,
     lockstep: bool,
     status: Status,
+    abandon: Callable[[], None],
 ) -> Ended:
     rings, flags = Rings.create(opened), Flags()
     epoch_ns = 0 if lockstep else time.time_ns()
@@ -153,7 +162,7 @@ def _launch(
             lockstep=lockstep,
         ),
         None if alone else functools.partial(
-            roles.rig, opened, build, rings, flags, lockstep=lockstep
+            roles.rig, opened, build, rings, flags, abandon, lockstep=lockstep
         ),
         lambda file: roles.recorder(opened, file, epoch_ns, rings, with_rig=True),
         path,

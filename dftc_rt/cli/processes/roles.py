@@ -131,6 +131,7 @@ def rig(
     build: Callable[[], tuple[Rig, Sequence[BusPort]]],
     rings: Rings,
     flags: Flags,
+    clean_up: Callable[[], object],
     *,
     lockstep: bool,
 ) -> dict[str, Any]:
@@ -141,6 +142,7 @@ def rig(
         build: Makes the rig and its ports.
         rings: Where records and events go.
         flags: ``end`` asks the rig to end.
+        clean_up: Called at the end when the launcher, whose work it is, was killed.
         lockstep: Rig time moves by barriers only; no real-time settings.
 
     Returns:
@@ -178,6 +180,8 @@ def rig(
         rings.events[1].end()
         for port in ports:
             port.close()
+        if orphaned_at[0]:
+            clean_up()
         if real_time is not None:
             real_time.release()
 

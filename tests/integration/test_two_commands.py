@@ -1,0 +1,67 @@
+"""``dftc rig`` and ``dftc control`` as two commands."""
+
+from __future__ import annotations
+
+import json
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dftc_rt.log.reader import read
+from tests.integration.commands import DFTC, PATIENT, Started, dftc, started
+
+SCENARIO = ("ur5_elbow_loss", "--set", "duration_s=1.0", *PATIENT)
+
+
+@pytest.fixture(params=["lockstep", "real time"])
+def mode(request: pytest.FixtureRequest) -> tuple[str, ...]:
+    return ("--lockstep",) if request.param == "lockstep" else ()
+
+
+@pytest.fixture
+def rig(tmp_path: Path, mode: tuple[str, ...]) -> Iterator[Started]:
+    bus = ("--bus", "unix", "--bus-dir", tmp_path / "bus", *mode)
+    with started(tmp_path / "rig", DFTC, "rig", *SCENARIO, *bus, "--json") as run:
+        run.until_said("Ctrl-C ends")
+        yield run
+
+
+def control(folder: Path, log: Path, *more: str) -> tuple[str | Path, ...]:
+    return (
+        "control", *SCENARIO, "--bus", "unix", "--bus-dir", folder / "bus",
+        "--log", log, "--no-report", "--json", *more,
+    )  # fmt: skip
+
+
+def test_end_to_end_twice(rig: Started, mode: tuple[str, ...], tmp_path: Path) -> None:
+    for number in (1, 2):  # the rig goes on: a second controller finds the drives as they are
+        log = tmp_path / f"{number}.mcap"
+        done = dftc(*control(tmp_path, log, *mode))
+        assert done.returncode == 0, done.stderr
+        found = json.loads(done.stdout)
+        assert found["end_state"] == "done"
+        logged = read(log)
+        assert logged.rig is None  # truth is the rig's
+        running = logged.cycle["state"] == 3.0
+        assert running.sum() >= 900
+        error = (logged.cycle["q"] - logged.cycle["qd"])[running]
+        assert np.abs(error).max() < 0.01
+    rig.process.send_signal(signal.SIGINT)
+    assert rig.end() == 0
+    assert json.loads(rig.out)["rig_time_s"] > 2.0
+    assert not (tmp_path / "bus" / "can0").exists()
+
+
+@pytest.mark.parametrize("mode", [("--lockstep",)], ids=["lockstep"])
+def test_directory_in_use_is_refused_with_its_owner(
+    rig: Started, mode: tuple[str, ...], tmp_path: Path
+) -> None:
+    done = dftc("rig", *SCENARIO, "--bus", "unix", "--bus-dir", tmp_path / "bus")
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith("dftc: ")
+    assert done.stderr.count("\n") == 1
+    assert str(rig.process.pid) in done.stderr
