@@ -119,7 +119,10 @@ class VirtualBus:
     @property
     def barrier_pending(self) -> bool:
         """Whether some client has ended its share of the cycle."""
-        return any(client.barrier is not None for client in self._clients)
+        for client in self._clients:  # a loop: this is asked several times a cycle
+            if client.barrier is not None:
+                return True
+        return False
 
     def pop_barrier(self) -> int | None:
         """Return the cycle of the barrier that waits, and let its client go on; or None."""
