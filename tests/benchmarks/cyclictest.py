@@ -24,16 +24,22 @@ class Lateness:
         p99_us: 99th percentile.
         max_us: Largest.
         samples: Wake-ups counted.
+        late: Wake-ups that were ``late_us`` or more late.
     """
 
     p50_us: int
     p99_us: int
     max_us: int
     samples: int
+    late: int
 
 
-def parse(text: str) -> Lateness:
+def parse(text: str, late_us: int = 1000) -> Lateness:
     """Read cyclictest's histogram of one thread (``-h``, µs).
+
+    Args:
+        text: What it printed.
+        late_us: From where on a wake-up counts as late.
 
     Raises:
         ValueError: ``text`` is no such histogram, or counts nothing.
@@ -47,8 +53,9 @@ def parse(text: str) -> Lateness:
     samples = sum(count for _, count in counts)
     if not samples:
         raise ValueError("cyclictest counted no wake-up")
+    late = sum(count for us, count in counts if us >= late_us)
     return Lateness(
-        _percentile(counts, samples, 50), _percentile(counts, samples, 99), largest, samples
+        _percentile(counts, samples, 50), _percentile(counts, samples, 99), largest, samples, late
     )
 
 
@@ -62,7 +69,9 @@ def _percentile(counts: list[tuple[int, int]], samples: int, percent: int) -> in
     return counts[-1][0]
 
 
-def measure(core: int, seconds: int = 10, priority: int = 80, rate_hz: int = 1000) -> Lateness:
+def measure(
+    core: int, seconds: int = 10, priority: int = 80, rate_hz: int = 1000, late_us: int = 1000
+) -> Lateness:
     """Run cyclictest on one core, SCHED_FIFO, memory locked.
 
     Args:
@@ -70,6 +79,7 @@ def measure(core: int, seconds: int = 10, priority: int = 80, rate_hz: int = 100
         seconds: Length of the run.
         priority: SCHED_FIFO priority, 1 to 99.
         rate_hz: Wake-ups per second.
+        late_us: From where on a wake-up counts as late.
 
     Raises:
         EnvironmentLacksError: The program is not installed, or may not run at this priority.
@@ -88,4 +98,4 @@ def measure(core: int, seconds: int = 10, priority: int = 80, rate_hz: int = 100
             f"cyclictest failed ({' '.join(done.stderr.split()) or done.returncode})",
             "allow 'rtprio' and 'memlock' in /etc/security/limits.conf, or run as root",
         )
-    return parse(done.stdout)
+    return parse(done.stdout, late_us)

@@ -35,12 +35,12 @@ HISTOGRAM = """\
 
 def test_percentiles_of_a_histogram() -> None:
     found = cyclictest.parse(HISTOGRAM)
-    assert found == cyclictest.Lateness(p50_us=13, p99_us=90, max_us=19975, samples=100)
+    assert found == cyclictest.Lateness(p50_us=13, p99_us=90, max_us=19975, samples=100, late=1)
 
 
 def test_overflows_count_as_the_maximum() -> None:
     found = cyclictest.parse(HISTOGRAM.replace("Overflows: 00001", "Overflows: 00003"))
-    assert (found.p99_us, found.samples) == (19975, 102)
+    assert (found.p99_us, found.samples, found.late) == (19975, 102, 3)
 
 
 @pytest.mark.parametrize(
