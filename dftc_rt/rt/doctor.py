@@ -221,7 +221,7 @@ def can(machine: Machine) -> Check:
         not refusal,
         refusal or "available",
         "no SocketCAN interface, real or virtual; the user-space bus works all the same",
-        "modprobe can can_raw as root, or boot a kernel built with CONFIG_CAN",
+        "modprobe -a can can_raw as root, or boot a kernel built with CONFIG_CAN",
     )
 
 
@@ -233,7 +233,7 @@ def vcan(machine: Machine) -> Check:
         bool(links),
         ", ".join(links) or "none",
         "--bus auto takes the user-space bus",
-        "modprobe vcan, then dftc bus up, as root",
+        "modprobe vcan; ip link add vcan0 type vcan; ip link set vcan0 up, as root, for each bus",
     )
 
 
