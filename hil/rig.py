@@ -19,6 +19,7 @@ from dftc_rt.config.scenario import Scenario
 from dftc_rt.drives.scale import ScaleTable
 from dftc_rt.drives.wiring import bus_names, joint_scales
 from dftc_rt.dynamics.model import Robot
+from dftc_rt.errors import InputError
 from hil.bus.port import BusPort
 from hil.drive.node402 import Cia402Drives, DriveSpec
 from hil.drive.sensors import Sensors, torque_commands
@@ -326,7 +327,13 @@ def initial_state(scenario: Scenario, robot: Robot, on_reference: F64) -> tuple[
     q0 = on_reference[0].copy()
     v0 = on_reference[1].copy() if scenario.reference.blend_s == 0 else np.zeros(robot.n)
     if plant.q0_rad is not None:
-        q0 = per_joint(plant.q0_rad, robot.n, "rig.plant.q0_rad")
+        q0 = _one_per_joint(plant.q0_rad, robot.n, "rig.plant.q0_rad")
     if plant.v0_rad_s is not None:
-        v0 = per_joint(plant.v0_rad_s, robot.n, "rig.plant.v0_rad_s")
+        v0 = _one_per_joint(plant.v0_rad_s, robot.n, "rig.plant.v0_rad_s")
     return q0, v0
+
+
+def _one_per_joint(values: tuple[float, ...], n: int, where: str) -> F64:
+    if len(values) != n:
+        raise InputError(where, f"{len(values)} values", f"{n}, one per joint")
+    return np.array(values, dtype=np.float64)

@@ -204,6 +204,8 @@ def finish(opened: Session, ended: Ended, *, report: bool, json: bool) -> int:
         run = read(ended.logs[0])
         found = session.summarise(run, outcome, **facts)
     except DftcError as error:
+        if outcome.reason and outcome.end_state != "failed":
+            print(f"{outcome.end_state}: {outcome.reason}", file=sys.stderr)
         print(f"no summary: {error}", file=sys.stderr)
         return code or 1
     if report:

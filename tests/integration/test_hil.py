@@ -144,6 +144,7 @@ def test_killed_recorder_is_replaced(long: Started, tmp_path: Path) -> None:
     long.process.send_signal(signal.SIGINT)
     assert long.end() == 130
     assert "another one goes on" in long.err
+    assert "interrupted: stop requested by the operator" in long.err
     leaves_nothing(long, everybody)
     assert dftc("recover", tmp_path / "run.mcap", "-o", tmp_path / "whole.mcap").returncode == 0
     before, after = read(tmp_path / "whole.mcap").cycle["t"], read(second).cycle["t"]
