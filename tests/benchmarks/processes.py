@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -20,19 +23,42 @@ def read_json(command: Sequence[str | Path], seconds: float) -> dict[str, Any]:
         seconds: How long it means to run.
 
     Raises:
-        RuntimeError: It failed; the message holds what it said.
+        RuntimeError: It failed or printed nothing; the message holds what it said. A run
+            that ended in a safe stop (exit code 1) has a summary and is no failure here.
     """
-    done = subprocess.run(
-        [str(part) for part in command], capture_output=True, text=True, check=False,
-        timeout=seconds + _PATIENCE_S,
-    )  # fmt: skip
-    if done.returncode != 0 or not done.stdout:
-        raise RuntimeError(f"{command[0]} ended with {done.returncode}: {done.stderr.strip()}")
-    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    refused = [
-        line for line in done.stderr.splitlines() if "not locked" in line or "no SCHED" in line
-    ]
-    return found | ({"refused": refused} if refused else {})
+    begun = subprocess.Popen(
+        [str(part) for part in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    seen: dict[str, str] = {}
+    deadline = time.monotonic() + seconds + _PATIENCE_S
+    while True:
+        try:
+            out, err = begun.communicate(timeout=0.5)
+            break
+        except subprocess.TimeoutExpired:
+            seen |= _scheduling(begun.pid)
+            if time.monotonic() > deadline:
+                begun.terminate()  # dftc hil stops safely and ends its children
+                raise RuntimeError(
+                    f"{command[0]} did not end in {seconds + _PATIENCE_S} s"
+                ) from None
+    if begun.returncode not in (0, 1) or not out:
+        raise RuntimeError(f"{command[0]} ended with {begun.returncode}: {err.strip()}")
+    found: dict[str, Any] = json.loads(out.splitlines()[-1])
+    return found | {"scheduling": [f"{name}: {how}" for name, how in sorted(seen.items())]}
+
+
+def _scheduling(parent: int) -> dict[str, str]:
+    """Return how the children of a process are scheduled, by name."""
+    found: dict[str, str] = {}
+    with contextlib.suppress(OSError):  # what has just ended is of no interest
+        for pid in map(int, Path(f"/proc/{parent}/task/{parent}/children").read_text().split()):
+            name = Path(f"/proc/{pid}/comm").read_text().strip()
+            policy, cores = os.sched_getscheduler(pid), os.sched_getaffinity(pid)
+            fifo = f"SCHED_FIFO {os.sched_getparam(pid).sched_priority}"
+            where = ", ".join(map(str, sorted(cores)))
+            found[name] = f"{fifo if policy == os.SCHED_FIFO else 'normal'}, core {where}"
+    return found
 
 
 def hil(scenario: str, seconds: float, settings: Sequence[str], folder: Path) -> dict[str, Any]:

@@ -51,7 +51,8 @@ def run(quick: bool = False) -> Result:
             ("lateness", "lateness_us"), ("exchange", "exchange_us"), ("compute", "compute_us"),
         )
     ]  # fmt: skip
-    notes += found.get("refused", [])
+    notes += found["scheduling"]
+    ended = [] if found["end_state"] == "done" else [f"{found['end_state']}: {found['reason']}"]
     aims = [Aim("records dropped by the recorder", "<=", 0.0, float(dropped))]
     if len(floors) == 2:
         late = sum(f.late for f in floors) / sum(f.samples for f in floors) * cycles
@@ -74,7 +75,7 @@ def run(quick: bool = False) -> Result:
             Table("The cycle of dftc hil, us", ("", "p50", "p99", "max"), timings),
         ],
         aims,
-        [*notes, f"missed answers {found['missed_answers']}, {found['end_state']}"],
+        [*notes, f"missed answers {found['missed_answers']}", *ended],
     )
 
 
