@@ -25,6 +25,7 @@ from dftc_rt.rt.supervisor import State, Supervisor
 F64 = NDArray[np.float64]
 
 HEADER: Final = ("t", "lateness", "compute", "exchange", "state")
+_MOVING: Final = (State.RUN, State.SAFE_STOP, State.FINISH)
 _ARM_TIMEOUT_S: Final = 5.0
 _DISABLE_TIMEOUT_S: Final = 1.0
 
@@ -76,14 +77,16 @@ class Counters:
     Attributes:
         cycles: Cycles run.
         overruns: Ticks that came while the previous cycle was still at work.
-        skipped: Ticks left out by policy ``skip``.
+        skipped: Ticks left out by policy ``skip`` or ``stop``.
         missed: Answers that did not come within the read budget, over all joints.
+        refused: Frames that a bus did not take.
     """
 
     cycles: int = 0
     overruns: int = 0
     skipped: int = 0
     missed: int = 0
+    refused: int = 0
 
 
 @dataclass
@@ -165,20 +168,38 @@ class Executor:
         self._state = State.IDLE
         self._phase_start = 0  # cycle at which the present state began
         self._drop_told = False
+        self.t = 0.0  # scheduled time of the present cycle, s
 
     # -- life of a run ------------------------------------------------------------------
 
     def run(self) -> Outcome:
         """Arm the drives, run to the end or to a safe stop, and disable the drives.
 
+        However the loop ends, by an exception too, power is taken off every drive that can
+        still be reached.
+
         Raises:
-            BusError: A bus has gone away; the drives' own watchdogs take over.
+            BusError: A bus has gone away.
         """
+        try:
+            self._loop()
+        except BaseException:
+            self._link.abandon()
+            raise
+        finally:
+            self.outcome.counters.missed = self._link.missed
+            self.outcome.counters.refused = self._link.refused
+            for joint in self._shutdown():
+                self._event(self.t, WARNING, "controller", f"{joint}: power off not confirmed")
+        return self.outcome
+
+    def _loop(self) -> None:
         clock, link, counters = self._clock, self._link, self.outcome.counters
         self._start()
         first_tick = clock.now() + self._period_ns
         k = 0
         while self._state is not State.IDLE:
+            self.t = k * self._period
             deadline = first_tick + k * self._period_ns
             clock.sleep_until(deadline)
             started = clock.now()
@@ -186,7 +207,8 @@ class Executor:
             read_done = clock.now()
             self._update(k)
             computed = clock.now()
-            link.command(self._rec[signals.TAU_CMD], self._state is not State.FAULT)
+            torque = self._state is not State.FAULT and self._state is not State.IDLE
+            link.command(self._rec[signals.TAU_CMD], torque)
             self._rec[signals.TAU_CMD] = link.sent
             written = clock.now()
             counters.cycles += 1
@@ -194,12 +216,6 @@ class Executor:
             self._record(k, lateness, computed - read_done,
                          read_done - started + written - computed)  # fmt: skip
             k = self._next_tick(k, first_tick)
-        counters.missed = link.missed
-        for joint in self._shutdown():
-            self._event(
-                k * self._period, WARNING, "controller", f"{joint}: power off not confirmed"
-            )
-        return self.outcome
 
     def _start(self) -> None:
         """Start the law at the measured pose and begin to arm."""
@@ -223,9 +239,11 @@ class Executor:
             return k + 1
         if self._overrun == "stop" and self._state is State.RUN:
             self._safe_stop(k, "overrun: the cycle took longer than its period", ramp=True)
-        missed = behind // self._period_ns
+        missed = int(behind // self._period_ns)
         counters.skipped += missed
-        return int(k + 1 + missed)
+        if missed:
+            self._law.skip(missed)
+        return k + 1 + missed
 
     # -- one cycle ----------------------------------------------------------------------
 
@@ -253,23 +271,23 @@ class Executor:
             else:
                 self._exact.update(link.q, link.v, *self._desired)
         status = law.update(rec, terms.inertia, terms.bias)
-        violation, joint = self._supervisor.check(rec, link.status)
+        violation, joint = self._supervisor.check(rec, link.status, state in _MOVING)
         if status and violation == sup.OK:
-            violation, joint = sup.NOT_FINITE, 0
+            violation, joint = sup.NOT_FINITE, int(np.argmax(np.isnan(rec[signals.S])))
         self._transition(k, elapsed, violation, joint)
 
     def _transition(self, k: int, elapsed: int, violation: int, joint: int) -> None:
         """Edges of the supervisor's graph."""
         state = self._state
         if state is State.FAULT:
-            done = self._link.all_disabled() or elapsed * self._period >= _DISABLE_TIMEOUT_S
-            if done and elapsed > 0:
+            live = self._link.first_live()
+            if live < 0 and elapsed > 0:
                 self._enter(State.IDLE, k, INFO, "drives disabled, brakes closed")
+            elif elapsed * self._period >= _DISABLE_TIMEOUT_S:
+                text = f"{self._joints[live]}: did not say within {_DISABLE_TIMEOUT_S} s that it is off"
+                self._enter(State.IDLE, k, ERROR, text)
             return
-        if violation != sup.OK:
-            reason = self._supervisor.reason(violation, self._joints[joint])
-            ramp = violation not in sup.UNCONTROLLED and state is State.RUN
-            self._safe_stop(k, reason, ramp)
+        if violation != sup.OK and self._react(k, violation, joint):
             return
         if state is State.ARM:
             if self._link.all_enabled():
@@ -288,6 +306,25 @@ class Executor:
         elif elapsed * self._period >= self._ramp_s:
             self._link.goal = GOAL_OFF
             self._enter(State.FAULT, k, INFO, "at rest, disabling the drives")
+
+    def _react(self, k: int, violation: int, joint: int) -> bool:
+        """Stop for a violation; return whether the state changed.
+
+        A violation that can be ramped down stands while the ramp lasts: it is no second one.
+        """
+        reason = self._supervisor.reason(violation, self._joints[joint])
+        if violation in sup.UNCONTROLLED or self._state is State.ARM:
+            self._safe_stop(k, reason, ramp=False)
+            return True
+        if self._state is not State.RUN:
+            if self.outcome.end_state == "done":
+                self.outcome.end_state, self.outcome.reason = "safe stop", reason
+            return False
+        self._safe_stop(k, reason, ramp=True)
+        if violation == sup.TRACKING:  # from where the joint is, not from where it should be
+            self._ramp_from[0, joint] = self._rec[signals.Q, joint]
+            self._ramp_from[1, joint] = self._rec[signals.V, joint]
+        return True
 
     def _interrupt(self, k: int, ramp: bool) -> None:
         self._safe_stop(k, "stop requested by the operator", ramp)

@@ -1,0 +1,448 @@
+"""The loop under a clock and with drives that the test controls."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dftc_rt.config.scenario import (
+    ExecutorTable,
+    ReferenceTable,
+    RobotTable,
+    Scenario,
+    SupervisorTable,
+)
+from dftc_rt.control import signals
+from dftc_rt.drives.interface import GOAL_OFF, GOAL_OPERATE, GOAL_STOP
+from dftc_rt.memory import MemorySink
+from dftc_rt.reference import Reference
+from dftc_rt.rt.clock import FakeClock, LockstepClock
+from dftc_rt.rt.drive_link import DriveLink
+from dftc_rt.rt.executor import Executor, Outcome
+from dftc_rt.rt.supervisor import State
+
+F64 = NDArray[np.float64]
+PERIOD = 1_000_000  # ns
+JOINTS = ("shoulder", "elbow")
+HEADER = 5
+RUN, FINISH, ARM, STOP, FAULT = (
+    State.RUN, State.FINISH, State.ARM, State.SAFE_STOP, State.FAULT,
+)  # fmt: skip
+FAULT_BIT = 0x0008
+
+
+class Link:
+    """Drives in memory: enabled at the third cycle, disabled when told."""
+
+    def __init__(self, clock: FakeClock) -> None:
+        self.clock = clock
+        self.q, self.v = np.array([0.1, -0.2]), np.zeros(2)
+        self.age, self.status = np.zeros(2), np.zeros(2, dtype=np.int64)
+        self.sent = np.zeros(2)
+        self.missed = 3
+        self.goal = GOAL_OFF
+        self.enables = True
+        self.disables = True
+        self.ticks: list[tuple[int, int, int]] = []  # number, deadline, when
+        self.commands: list[tuple[float, bool, int]] = []  # torque of joint 0, wanted, goal
+        self.cost: dict[int, int] = {}  # cycle -> ns that its exchange takes
+        self.on_cycle: Callable[[int], None] = lambda k: None
+
+    def exchange(self, number: int, deadline: int) -> None:
+        self.ticks.append((number, deadline, self.clock.now()))
+        self.clock.time += self.cost.get(number, 0)
+        self.on_cycle(number)
+
+    def command(self, tau: F64, torque: bool = True) -> None:
+        self.sent[:] = np.round(tau, 1) if torque else 0.0
+        self.commands.append((float(tau[0]), torque, self.goal))
+
+    def all_enabled(self) -> bool:
+        return self.enables and self.goal == GOAL_OPERATE and len(self.ticks) >= 3
+
+    def first_not_enabled(self) -> int:
+        return 1
+
+    def all_disabled(self) -> bool:
+        return self.disables and self.goal != GOAL_OPERATE
+
+
+class Law:
+    """Commands a constant; claims what it is told to claim."""
+
+    uses_local_terms = False
+    ftc = True
+
+    def __init__(self) -> None:
+        self.tau = np.array([1.23, -4.56])
+        self.rho = np.ones(2)
+        self.verdict = np.zeros(2)
+        self.status = 0
+        self.started_at: F64 | None = None
+
+    def start(self, q: F64, v: F64) -> None:
+        self.started_at = q.copy()
+
+    def update(self, rec: F64, inertia: F64, bias: F64) -> int:
+        rec[signals.TAU_LAW] = 2.0 * self.tau
+        rec[signals.TAU_CMD] = self.tau
+        rec[signals.RHO_HAT] = self.rho
+        rec[signals.VERDICT] = self.verdict
+        return self.status
+
+
+class NoTerms:
+    inertia = bias = np.zeros(2)
+
+    def update(self, *_: object) -> None:
+        raise AssertionError("this law uses no local terms")
+
+
+class Bench:
+    """An executor with everything around it at hand."""
+
+    def __init__(self, clock: Any = None, **tables: Any) -> None:
+        supervisor = {"stop_ramp_s": 0.010, "saturation_s": 0.005, **tables.pop("supervisor", {})}
+        scenario = Scenario(
+            name="bench",
+            robot=RobotTable(name="arm2"),
+            duration_s=0.020,
+            executor=ExecutorTable(**tables.pop("executor", {})),
+            supervisor=SupervisorTable(**supervisor),
+        )
+        self.clock = clock or FakeClock()
+        self.link = Link(self.clock if clock is None else FakeClock())
+        self.law = Law()
+        self.sink = MemorySink(HEADER + len(signals.NAMES) * 2)
+        self.events: list[tuple[float, int, str, str]] = []
+        self.stop_at = 10**9
+        self.shut_down_after = 0
+        self.unconfirmed: tuple[str, ...] = ()
+        reference = Reference(ReferenceTable(kind="hold", blend_s=0.0), self.link.q.copy())
+        self.executor = Executor(
+            scenario, JOINTS, np.array([100.0, 100.0]), self.clock, cast(DriveLink, self.link),
+            self.law, reference, NoTerms(), None, self.sink,
+            lambda *event: self.events.append(event),
+            lambda: len(self.link.ticks) > self.stop_at, self.shut_down,
+        )  # fmt: skip
+
+    def shut_down(self) -> tuple[str, ...]:
+        self.shut_down_after = len(self.link.ticks)
+        return self.unconfirmed
+
+    def run(self) -> Outcome:
+        return self.executor.run()
+
+    @property
+    def records(self) -> F64:
+        return self.sink.records()
+
+    @property
+    def states(self) -> list[int]:
+        """States in order, repetitions left out."""
+        column = self.records[:, 4].astype(int).tolist()
+        return [s for i, s in enumerate(column) if i == 0 or s != column[i - 1]]
+
+    def row(self, row: int) -> F64:
+        return self.records[:, HEADER:].reshape(-1, len(signals.NAMES), 2)[:, row]
+
+    @property
+    def texts(self) -> list[str]:
+        return [text for _, _, _, text in self.events]
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+# --- life of a run -----------------------------------------------------------------------
+
+
+def test_a_run_from_arming_to_closed_brakes(bench: Bench) -> None:
+    outcome = bench.run()
+    assert (outcome.end_state, outcome.reason) == ("done", "")
+    assert bench.states == [ARM, RUN, FINISH, FAULT]
+    assert np.count_nonzero(bench.records[:, 4] == RUN) == 20  # duration_s at 1 kHz
+    assert np.count_nonzero(bench.records[:, 4] == FINISH) == 10  # stop_ramp_s
+    assert bench.texts == [
+        "arming", "running", "duration reached, coming to rest", "at rest, disabling the drives",
+        "drives disabled, brakes closed",
+    ]  # fmt: skip
+    assert outcome.counters.cycles == len(bench.records) == len(bench.link.ticks)
+    assert outcome.counters.missed == 3
+    assert bench.law.started_at is not None
+    assert bench.law.started_at.tolist() == [0.1, -0.2]
+    # No torque once the drives are to be off; torque in every cycle before.
+    goals = [goal for _, _, goal in bench.link.commands]
+    torque = [wanted for _, wanted, _ in bench.link.commands]
+    assert goals == sorted(goals, key=[GOAL_OPERATE, GOAL_OFF].index)
+    assert torque == [goal == GOAL_OPERATE for goal in goals]
+
+
+def test_drives_are_powered_off_after_the_loop_however_it_ended(bench: Bench) -> None:
+    bench.link.enables = False
+    bench.unconfirmed = ("elbow",)
+    assert bench.run().end_state == "safe stop"
+    assert bench.shut_down_after == len(bench.link.ticks)
+    assert bench.texts[-1] == "elbow: power off not confirmed"
+
+
+def test_record_is_laid_out_as_the_schema_says(bench: Bench) -> None:
+    bench.law.rho[:] = [0.9, 0.8]
+    bench.link.age[:] = [0.0, 2.0]
+    bench.run()
+    assert bench.records.shape[1] == HEADER + 14 * 2
+    assert bench.records[:, 0] == pytest.approx(np.arange(len(bench.records)) * 1e-3)
+    for row, expected in {
+        signals.Q: [0.1, -0.2],
+        signals.QD: [0.1, -0.2],
+        signals.TAU_LAW: [2.46, -9.12],
+        signals.TAU_CMD: [1.2, -4.6],  # as sent, not as asked for
+        signals.RHO_HAT: [0.9, 0.8],
+        signals.AGE: [0.0, 2.0],
+    }.items():
+        assert bench.row(row)[5] == pytest.approx(expected), signals.NAMES[row]
+
+
+def test_drives_that_are_not_enabled_end_the_run(bench: Bench) -> None:
+    bench.link.enables = False
+    outcome = bench.run()
+    assert outcome.end_state == "safe stop"
+    assert outcome.reason == "elbow: the drive was not enabled in 5.0 s"
+    assert bench.states == [ARM, FAULT]
+
+
+def test_drives_that_do_not_confirm_are_not_waited_for_longer(bench: Bench) -> None:
+    bench.link.disables = False
+    assert bench.run().end_state == "done"
+    assert np.count_nonzero(bench.records[:, 4] == FAULT) == pytest.approx(1000, abs=2)
+
+
+# --- time --------------------------------------------------------------------------------
+
+
+def test_lateness_does_not_pile_up(bench: Bench) -> None:
+    late = [0, 300_000, 0, 400_000, 400_000, 0, 0, 100_000]
+    bench.clock.delays = list(late)
+    bench.run()
+    first = bench.link.ticks[0][1]
+    for k, (number, deadline, when) in enumerate(bench.link.ticks):
+        assert number == k
+        assert deadline == first + k * PERIOD
+        assert when == deadline + (late[k] if k < len(late) else 0)
+    assert bench.records[: len(late), 1] == pytest.approx([x * 1e-9 for x in late])
+    assert not bench.records[len(late) :, 1].any()
+
+
+def test_times_of_a_cycle_are_told_apart(bench: Bench) -> None:
+    bench.link.cost = {6: 250_000}
+    update = bench.law.update
+
+    def slow(rec: F64, inertia: F64, bias: F64) -> int:
+        bench.clock.time += 70_000
+        return update(rec, inertia, bias)
+
+    bench.law.update = slow  # type: ignore[method-assign]
+    bench.run()
+    assert bench.records[6, 1:4] == pytest.approx([0.0, 70e-6, 250e-6])
+    assert bench.records[7, 1:4] == pytest.approx([0.0, 70e-6, 0.0])
+
+
+def overrun(policy: str) -> tuple[Bench, Outcome]:
+    bench = Bench(executor={"overrun": policy})
+    bench.link.cost = {10: 2_500_000}
+    return bench, bench.run()
+
+
+def test_overrun_skip() -> None:
+    bench, outcome = overrun("skip")
+    assert outcome.end_state == "done"
+    assert (outcome.counters.overruns, outcome.counters.skipped) == (1, 1)
+    numbers = [number for number, _, _ in bench.link.ticks]
+    assert numbers[9:14] == [9, 10, 12, 13, 14]
+    assert bench.records[11, 0] == pytest.approx(0.012)
+    assert bench.records[11, 1] == pytest.approx(0.0005)  # the grid stays where it was
+    assert not bench.records[12:, 1].any()
+
+
+def test_overrun_catch_up() -> None:
+    bench, outcome = overrun("catch_up")
+    assert outcome.end_state == "done"
+    assert (outcome.counters.overruns, outcome.counters.skipped) == (2, 0)
+    assert [number for number, _, _ in bench.link.ticks] == list(range(len(bench.link.ticks)))
+    assert bench.records[11:14, 1] == pytest.approx([1.5e-3, 0.5e-3, 0.0])
+
+
+def test_overrun_stop() -> None:
+    bench, outcome = overrun("stop")
+    assert outcome.end_state == "safe stop"
+    assert "overrun" in outcome.reason
+    assert bench.states == [ARM, RUN, STOP, FAULT]
+    assert outcome.counters.overruns == 1
+
+
+def test_lock_step_knows_no_lateness() -> None:
+    bench = Bench(clock=LockstepClock())
+    outcome = bench.run()
+    assert outcome.end_state == "done"
+    assert outcome.counters.overruns == 0
+    assert not bench.records[:, 1].any()
+    assert [number for number, _, _ in bench.link.ticks] == list(range(len(bench.link.ticks)))
+
+
+# --- safe stops --------------------------------------------------------------------------
+
+
+def not_a_number(bench: Bench) -> None:
+    bench.link.q[1] = np.nan
+
+
+def drive_fault(bench: Bench) -> None:
+    bench.link.status[1] = FAULT_BIT
+
+
+def stale(bench: Bench) -> None:
+    bench.link.age[1] = 20.0
+
+
+def tracking(bench: Bench) -> None:
+    bench.link.q[1] += 0.51
+
+
+def rho_low(bench: Bench) -> None:
+    bench.law.verdict[1], bench.law.rho[1] = signals.ACTUATOR_LOSS, 0.14
+
+
+def saturated(bench: Bench) -> None:
+    bench.law.tau[1] = -100.0
+
+
+def law_fails(bench: Bench) -> None:
+    bench.law.status = 2
+
+
+def break_at(bench: Bench, cycle: int, action: Callable[[Bench], None]) -> None:
+    bench.link.on_cycle = lambda k: action(bench) if k == cycle else None
+
+
+@pytest.mark.parametrize(
+    ("action", "reason"),
+    [
+        (not_a_number, "elbow: a value that is not finite"),
+        (drive_fault, "elbow: the drive reports a fault"),
+        (stale, "elbow: no fresh feedback for 20 cycles"),
+        (law_fails, "shoulder: a value that is not finite"),
+    ],
+)
+def test_where_control_cannot_be_trusted_the_drives_are_quick_stopped(
+    bench: Bench, action: Callable[[Bench], None], reason: str
+) -> None:
+    break_at(bench, 8, action)
+    outcome = bench.run()
+    assert (outcome.end_state, outcome.reason) == ("safe stop", reason)
+    assert bench.states == [ARM, RUN, FAULT]
+    assert bench.link.commands[8][1:] == (False, GOAL_STOP)  # in that very cycle
+    assert not any(torque for _, torque, _ in bench.link.commands[8:])
+    assert f"quick stop: {reason}" in bench.texts
+
+
+@pytest.mark.parametrize(
+    ("action", "reason", "after"),
+    [
+        (rho_low, "elbow: estimated effectiveness below 0.15", 0),
+        (saturated, "elbow: torque saturated for 0.005 s", 4),
+    ],
+)
+def test_otherwise_the_arm_is_brought_to_rest_first(
+    bench: Bench, action: Callable[[Bench], None], reason: str, after: int
+) -> None:
+    def heal(k: int) -> None:
+        if k == 8:
+            action(bench)
+        if k == 9 + after:
+            bench.law.verdict[:], bench.law.rho[:], bench.law.tau[:] = 0.0, 1.0, 0.0
+
+    bench.link.on_cycle = heal
+    outcome = bench.run()
+    assert (outcome.end_state, outcome.reason) == ("safe stop", reason)
+    assert bench.states == [ARM, RUN, STOP, FAULT]
+    assert bench.records[9 + after, 4] == STOP
+    assert np.count_nonzero(bench.records[:, 4] == STOP) == 10
+    torque = [wanted for _, wanted, _ in bench.link.commands]
+    assert torque == [state != FAULT for state in bench.records[1:, 4]] + [False]
+
+
+def test_tracking_error_ends_the_run(bench: Bench) -> None:
+    break_at(bench, 8, tracking)
+    outcome = bench.run()
+    assert (outcome.end_state, outcome.reason) == (
+        "safe stop",
+        "elbow: tracking error over 0.5 rad",
+    )
+    # It is still there on the way down: the ramp is not trusted either.
+    assert bench.states == [ARM, RUN, STOP, FAULT]
+    assert np.count_nonzero(bench.records[:, 4] == STOP) == 1
+    assert bench.link.commands[9][1:] == (False, GOAL_STOP)
+
+
+@pytest.mark.parametrize(
+    ("action", "just_within"),
+    [
+        (stale, lambda bench: bench.link.age.__setitem__(1, 19.0)),
+        (tracking, lambda bench: bench.link.q.__setitem__(1, -0.2 + 0.49)),
+        (rho_low, lambda bench: bench.law.rho.__setitem__(1, 0.05)),  # without the verdict
+        (saturated, lambda bench: bench.law.tau.__setitem__(1, 99.9)),
+    ],
+)
+def test_just_within_the_limits_is_no_stop(
+    bench: Bench, action: object, just_within: Callable[[Bench], None]
+) -> None:
+    break_at(bench, 8, just_within)
+    assert bench.run().end_state == "done"
+
+
+def test_first_reason_is_the_one_that_is_told(bench: Bench) -> None:
+    def both(k: int) -> None:
+        if k == 8:
+            rho_low(bench)
+        if k == 12:
+            drive_fault(bench)
+
+    bench.link.on_cycle = both
+    assert bench.run().reason == "elbow: estimated effectiveness below 0.15"
+
+
+# --- the operator --------------------------------------------------------------------------
+
+
+def test_stop_while_arming(bench: Bench) -> None:
+    bench.stop_at = 0
+    bench.link.enables = False
+    outcome = bench.run()
+    assert outcome.end_state == "interrupted"
+    assert outcome.reason == "stop requested by the operator"
+    assert bench.states == [ARM, FAULT]
+    assert bench.link.commands[-1][1:] == (False, GOAL_STOP)
+
+
+def test_stop_while_running(bench: Bench) -> None:
+    bench.stop_at = 10
+    outcome = bench.run()
+    assert outcome.end_state == "interrupted"
+    assert outcome.reason == "stop requested by the operator"
+    assert bench.states == [ARM, RUN, STOP, FAULT]
+    assert np.count_nonzero(bench.records[:, 4] == STOP) == 10
+
+
+# --- the recorder ----------------------------------------------------------------------------
+
+
+def test_dropped_records_are_told_once(bench: Bench) -> None:
+    bench.sink.commit = lambda: False  # type: ignore[method-assign]
+    assert bench.run().end_state == "done"
+    assert bench.texts.count("the recorder does not keep up") == 1
