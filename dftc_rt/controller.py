@@ -16,7 +16,7 @@ from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.config.scenario import Scenario
 from dftc_rt.control import laws, signals
 from dftc_rt.control.interface import Law
-from dftc_rt.drives.interface import SetUp, profile
+from dftc_rt.drives.interface import DriveSetup, SetUp, profile
 from dftc_rt.drives.scale import TORQUE_PER_COUNT, ScaleTable
 from dftc_rt.drives.wiring import bus_members, bus_names, drive_configs, joint_scales
 from dftc_rt.dynamics.local_terms import LocalTerms
@@ -27,7 +27,7 @@ from dftc_rt.errors import InputError
 from dftc_rt.reference import Reference, stop_ramp
 from dftc_rt.rt.clock import Clock, FakeClock
 from dftc_rt.rt.drive_link import DriveLink
-from dftc_rt.rt.executor import EventFunction, Executor, RecordSink
+from dftc_rt.rt.executor import WARNING, EventFunction, Executor, RecordSink
 from dftc_rt.rt.supervisor import Supervisor
 
 F64 = NDArray[np.float64]
@@ -174,16 +174,46 @@ def connect(
     drives = drive_configs(robot.joint_config)
     rate = scenario.executor.rate_hz
     setup = chosen.setup(sockets, drives, rate)
-    found = setup.configure()
+    try:
+        found = setup.configure()
+        return _assemble(
+            scenario, parts, sockets, clock, sink, event, stop_requested, setup, found, budget_s
+        )
+    except BaseException:
+        setup.shutdown()
+        raise
+
+
+def _assemble(
+    scenario: Scenario,
+    parts: Parts,
+    sockets: Sequence[FrameSocket],
+    clock: Clock,
+    sink: RecordSink,
+    event: EventFunction,
+    stop_requested: Callable[[], bool],
+    setup: DriveSetup,
+    found: SetUp,
+    budget_s: float,
+) -> Executor:
+    """Put the executor together around drives that are switched on, not enabled."""
+    robot, rate = parts.robot, scenario.executor.rate_hz
+    drives = drive_configs(robot.joint_config)
+    chosen = profile(scenario.bus.profile)
+
+    def report(source: str, text: str) -> None:
+        event(executor.t, WARNING, source, text)
+
     link = DriveLink(
         sockets,
         chosen.cycle(drives, len(sockets), rate),
         clock,
         budget_s,
-        lambda source, text: event(0.0, 2, source, text),
+        report,
     )
     link.start(found)
     parts.reference.start(link.q)
+    check_reference(parts.reference, robot, scenario.duration_s)  # now with the real start
     table = _tabulate(scenario, parts) if scenario.control.local_terms == "tabulated" else None
     executor = Executor(
         scenario, robot.joints, parts.torque_limit, clock, link, parts.law, parts.reference,
@@ -237,7 +267,8 @@ def warm_up(scenario: Scenario, parts: Parts) -> None:
         stop_ramp(0.0, 1.0, np.zeros((3, n)), desired)
         parts.terms.update(robot.home, rec[signals.V], *desired)
         parts.law.update(rec, parts.terms.inertia, parts.terms.bias)
-        supervisor.check(rec, link.status)
+        parts.law.skip(1)
+        supervisor.check(rec, link.status, False)
         link.all_enabled()
-        link.all_disabled()
+        link.first_live()
         link.command(rec[signals.TAU_CMD])

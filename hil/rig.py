@@ -132,6 +132,9 @@ class Rig:
         self._age = np.zeros(n)
         self.steps = 0
         self._dt_ns = self._period / self._substeps * NS
+        # At most half of what a watchdog waits: a stall of this process alone fires none.
+        limit = min(_CATCH_UP_PERIODS * self._period, 0.5 * scenario.rig.drive.watchdog_s)
+        self._catch_up = max(int(limit / self._period), 3) * self._substeps
         self._origin = 0  # wall time of rig time 0, ns
         self._substeps_done = 0
         self._last_step = 0  # wall time of the last step, ns
@@ -237,7 +240,7 @@ class Rig:
         if not self.steps:
             self._origin = now
         due = int((now - self._origin) / self._dt_ns) - self._substeps_done
-        most = _CATCH_UP_PERIODS * self._substeps
+        most = self._catch_up
         if due > most:
             # Nobody let this process run: that is the host's doing, not the drives'.
             self._origin += round((due - self._substeps) * self._dt_ns)

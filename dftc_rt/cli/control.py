@@ -75,7 +75,6 @@ def control(
     path = log_path(opened, log)
     warm_up(opened)
     rings, flags = Rings.create(opened), Flags()
-    flags.ready = True  # whether the drives are there, set-up will tell
     epoch_ns = 0 if lockstep else time.time_ns()
     print(f"bus: {bus}", file=sys.stderr, flush=True)
     with Status(opened, quiet=json or lockstep) as status:

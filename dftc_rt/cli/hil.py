@@ -152,7 +152,6 @@ def _launch(
         return make_rig(opened, ports, rings.rig, rings.events[1].write), ports
 
     alone = choice.kind == "inprocess"
-    flags.ready = alone
     watchdog_s = opened.scenario.rig.drive.watchdog_s
     return Launcher(
         rings,

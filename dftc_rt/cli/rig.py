@@ -14,6 +14,8 @@ from dftc_rt.bus.directory import resolve_directory
 from dftc_rt.bus.select import choose_bus
 from dftc_rt.cli import session
 from dftc_rt.cli.processes.buses import RigBuses, make_rig
+from dftc_rt.cli.processes.child import STOP_SIGNALS
+from dftc_rt.cli.processes.roles import RIG_PRIORITY
 from dftc_rt.cli.simulate import warm_up
 from dftc_rt.drives.wiring import bus_names
 from dftc_rt.errors import InputError
@@ -72,7 +74,7 @@ def rig(
     def stop(number: int, frame: FrameType | None) -> None:
         ended[0] = True
 
-    before = {s: signal.signal(s, stop) for s in (signal.SIGINT, signal.SIGTERM)}
+    before = {s: signal.signal(s, stop) for s in STOP_SIGNALS}
     real_time: RealTime | None = None
     try:
         ports = buses.ports()
@@ -87,7 +89,7 @@ def rig(
         if lockstep:
             run_lockstep(made, ports, lambda: ended[0])
         else:
-            real_time = RealTime(81, last_core())
+            real_time = RealTime(RIG_PRIORITY, last_core())
             report_refused("rig", real_time.refused)
             run_wall(made, ports, lambda: ended[0])
         found = {

@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from dftc_rt.cli import session
+from dftc_rt.cli.processes.child import STOP_SIGNALS
 from dftc_rt.cli.session import Session
 from dftc_rt.controller import connect
 from dftc_rt.log.recorder import Recorder
@@ -150,11 +151,16 @@ def warm_up(opened: Session) -> None:
 
     Numba compiles a kernel when it is first called, once per installation, and loads it
     from its cache after that. Done before the processes are forked, it is done for all.
+
+    Raises:
+        KeyboardInterrupt: The operator wanted to stop meanwhile.
     """
     short = msgspec.structs.replace(opened.scenario, duration_s=0.02)
     brief = dataclasses.replace(opened, scenario=short)
     with _SayIfSlow("compiling the kernels; once per installation, this takes a minute or so"):
-        run_simulation(brief, progress=False)
+        _, outcome = run_simulation(brief, progress=False)
+    if outcome.end_state == "interrupted":
+        raise KeyboardInterrupt
 
 
 class _SayIfSlow:
@@ -178,7 +184,7 @@ class _StopOnSignal:
         self.requested = False
 
     def __enter__(self) -> _StopOnSignal:
-        self._before = {s: signal.signal(s, self._on) for s in (signal.SIGINT, signal.SIGTERM)}
+        self._before = {s: signal.signal(s, self._on) for s in STOP_SIGNALS}
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -13,6 +13,7 @@ from dftc_rt.control.settings import Value
 from dftc_rt.errors import InputError
 
 _MODEL_RBF = 1
+_MOST_TICKS = 100_000  # bounds the time a skip takes; filters have settled long before
 
 
 class Dftc:
@@ -84,6 +85,11 @@ class Dftc:
         state["x2fo"] = state["x2o"]
         store.weights[:] = store.initial_weights
         store.history[:] = 0.0
+
+    def skip(self, ticks: int) -> None:
+        """Ticks without a cycle, see :class:`dftc_rt.control.interface.Law`."""
+        store = self.storage
+        kernel.skip(store.parameters, store.state, store.history, min(ticks, _MOST_TICKS))
 
     def update(self, rec: F64, inertia: F64, bias: F64) -> int:
         """One cycle, see :class:`dftc_rt.control.interface.Law`; real-time safe."""

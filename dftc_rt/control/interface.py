@@ -53,6 +53,10 @@ class Law(Protocol):
         """
         ...
 
+    def skip(self, ticks: int) -> None:
+        """Let ``ticks`` pass without a cycle: the last command stays in force. Real-time safe."""
+        ...
+
     def update(self, rec: F64, inertia: F64, bias: F64) -> int:
         """Compute one cycle; real-time safe after the first call (which compiles).
 

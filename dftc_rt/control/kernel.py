@@ -274,6 +274,25 @@ def joint(
     return 0
 
 
+@njit(**_CACHE)
+def skip(par: Any, st: Any, history: F64, ticks: int) -> None:
+    """Account for ticks without a cycle: the drives went on with the last command.
+
+    Args:
+        par: Parameters, (n,).
+        st: States, (n,).
+        history: Commands, (n, depth), Nm.
+        ticks: How many.
+    """
+    for i in range(par.shape[0]):
+        p, x, told = par[i], st[i], history[i]
+        for _ in range(ticks):
+            x.phi_sum += drive_torque(p, x, told)
+            x.elapsed += 1
+            told[x.cycle % told.shape[0]] = told[(x.cycle - 1) % told.shape[0]]
+            x.cycle += 1
+
+
 def build_kernel(revision: int) -> Callable[..., int]:
     """Kernel over all joints, compiled anew when ``revision`` is another.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 from typing import Final
 
@@ -14,7 +15,7 @@ from dftc_rt.bus.frame import BARRIER_ID, Frames, frame_buffer, unpack
 from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.bus.wait import Waiter
 from dftc_rt.drives.cia402 import codec, states
-from dftc_rt.drives.interface import DriveCycle, SetUp
+from dftc_rt.drives.interface import GOAL_STOP, DriveCycle, SetUp
 from dftc_rt.errors import BusError
 from dftc_rt.rt.clock import NS, Clock
 
@@ -24,7 +25,11 @@ I64 = NDArray[np.int64]
 _CAPACITY: Final = 256
 _BARRIER: Final = BARRIER_ID | 8 << 32  # identifier and length, as one word of a frame
 _LOCKSTEP_PATIENCE_S: Final = 1.0  # between looks; a rig that dies closes the bus
-_LIVE: Final = (states.OPERATION_ENABLED, states.QUICK_STOP_ACTIVE)
+_LIVE: Final = (
+    states.OPERATION_ENABLED,
+    states.QUICK_STOP_ACTIVE,
+    states.FAULT_REACTION_ACTIVE,
+)
 
 
 @numba.njit(cache=True)
@@ -58,6 +63,7 @@ class DriveLink:
         status: CiA 402 statusword, (n,).
         sent: Torque as sent, after limiting and quantisation, (n,), Nm.
         missed: Answers that did not come in time, over all joints and cycles.
+        refused: Frames that a bus did not take, over all buses and cycles.
     """
 
     def __init__(
@@ -91,6 +97,7 @@ class DriveLink:
         self.age = np.zeros(self.q.shape[0])
         self._zero = np.zeros(self.q.shape[0])
         self.missed = 0
+        self.refused = 0
         self._out = frame_buffer(_CAPACITY)
         self._words = self._out.view("<u8")
         self._inbox = frame_buffer(_CAPACITY)
@@ -132,7 +139,7 @@ class DriveLink:
             if self._lockstep:
                 self._words[rows] = _BARRIER, number
                 rows += 1
-            self._sockets[bus].send(out, rows)
+            self._send(bus, rows)
         if self._lockstep:
             for bus in self._buses:
                 self._until_barrier(bus)
@@ -153,7 +160,25 @@ class DriveLink:
         cycle, out = self._cycle, self._out
         cycle.command(tau if torque else self._zero)
         for bus in self._buses:
-            self._sockets[bus].send(out, cycle.encode(bus, out))
+            self._send(bus, cycle.encode(bus, out))
+
+    def abandon(self) -> None:
+        """Tell every drive that can still be reached to stop, as the last thing to be said."""
+        cycle, out = self._cycle, self._out
+        cycle.goal = GOAL_STOP
+        cycle.command(self._zero)
+        for bus in self._buses:
+            with contextlib.suppress(BusError):
+                self._sockets[bus].send(out, cycle.encode(bus, out))
+                self._sockets[bus].send(out, cycle.sync(bus, out))
+
+    def _send(self, bus: int, rows: int) -> None:
+        """Send the first rows of the buffer on one bus; count and report what is refused."""
+        sent = self._sockets[bus].send(self._out, rows)
+        if sent < rows:
+            if not self.refused:
+                self._event(self._sockets[bus].name, "the bus takes no more frames; some are lost")
+            self.refused += rows - sent
 
     def all_enabled(self) -> bool:
         """Return whether every drive says that its operation is enabled."""
@@ -166,9 +191,12 @@ class DriveLink:
                 return i
         return -1
 
-    def all_disabled(self) -> bool:
-        """Return whether no drive says that it may still give torque."""
-        return all(states.state_of(status) not in _LIVE for status in self.status.tolist())
+    def first_live(self) -> int:
+        """Return the index of the first drive that may still give torque, -1 for none."""
+        for i, status in enumerate(self.status.tolist()):
+            if states.state_of(status) in _LIVE:
+                return i
+        return -1
 
     # -- receiving ----------------------------------------------------------------------
 

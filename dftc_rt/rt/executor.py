@@ -198,7 +198,7 @@ class Executor:
         self._start()
         first_tick = clock.now() + self._period_ns
         k = 0
-        while self._state is not State.IDLE:
+        while self._going():
             self.t = k * self._period
             deadline = first_tick + k * self._period_ns
             clock.sleep_until(deadline)
@@ -216,6 +216,9 @@ class Executor:
             self._record(k, lateness, computed - read_done,
                          read_done - started + written - computed)  # fmt: skip
             k = self._next_tick(k, first_tick)
+
+    def _going(self) -> bool:
+        return self._state is not State.IDLE
 
     def _start(self) -> None:
         """Start the law at the measured pose and begin to arm."""
@@ -284,8 +287,8 @@ class Executor:
             if live < 0 and elapsed > 0:
                 self._enter(State.IDLE, k, INFO, "drives disabled, brakes closed")
             elif elapsed * self._period >= _DISABLE_TIMEOUT_S:
-                text = f"{self._joints[live]}: did not say within {_DISABLE_TIMEOUT_S} s that it is off"
-                self._enter(State.IDLE, k, ERROR, text)
+                text = f"did not say within {_DISABLE_TIMEOUT_S} s that it is off"
+                self._enter(State.IDLE, k, ERROR, f"{self._joints[live]}: {text}")
             return
         if violation != sup.OK and self._react(k, violation, joint):
             return

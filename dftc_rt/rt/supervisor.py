@@ -5,8 +5,9 @@
                           +------+-> safe stop -> fault
 
 ``finish`` and ``safe stop`` bring the arm to rest under control, then hand it to the
-brakes. Where control cannot be trusted any more (no feedback, a drive's fault, a second
-violation on the way down), the drives are quick-stopped instead, at once.
+brakes. Where control cannot do that any more (no feedback, a drive that faults or drops
+out, an actuator that is all but lost, an error that keeps growing), the drives are
+quick-stopped instead, at once.
 """
 
 from __future__ import annotations
@@ -45,6 +46,8 @@ STALE: Final = 3
 TRACKING: Final = 4
 RHO_LOW: Final = 5
 SATURATED: Final = 6
+RUNAWAY: Final = 7
+NOT_ENABLED: Final = 8
 
 REASONS: Final = {
     NOT_FINITE: "a value that is not finite",
@@ -53,12 +56,17 @@ REASONS: Final = {
     TRACKING: "tracking error over {limit} rad",
     RHO_LOW: "estimated effectiveness below {limit}",
     SATURATED: "torque saturated for {limit} s",
+    RUNAWAY: "tracking error over {limit} rad",
+    NOT_ENABLED: "the drive left operation enabled",
 }
 
-# Violations after which the loop itself cannot be trusted to bring the arm to rest.
-UNCONTROLLED: Final = frozenset({NOT_FINITE, DRIVE_FAULT, STALE})
+# Violations after which the loop cannot bring the arm to rest: no feedback, a drive that
+# does not obey, an actuator that is all but lost. The brakes can.
+UNCONTROLLED: Final = frozenset({NOT_FINITE, DRIVE_FAULT, NOT_ENABLED, STALE, RUNAWAY, RHO_LOW})
 
 _STATUS_FAULT = 0x0008  # CiA 402 statusword, bit 3
+_STATE_MASK = 0x006F  # its bits that spell the state
+_ENABLED = 0x0027
 
 
 @numba.njit(cache=True)
@@ -68,8 +76,12 @@ def _check(
     saturated: NDArray[np.int64],
     torque_limit: F64,
     limits: F64,
+    moving: bool,
 ) -> tuple[int, int]:
-    """Return (violation, joint); updates ``saturated`` (n,), cycles at the limit in a row."""
+    """Return (violation, joint); updates ``saturated`` (n,), cycles at the limit in a row.
+
+    What cannot be ramped down comes first, whichever joint it is.
+    """
     for i in range(rec.shape[1]):
         for row in (signals.Q, signals.V, signals.QD, signals.VD, signals.TAU_LAW, signals.TAU_CMD):
             if not np.isfinite(rec[row, i]):
@@ -78,10 +90,15 @@ def _check(
             return DRIVE_FAULT, i
         if rec[signals.AGE, i] >= limits[1]:
             return STALE, i
-        if abs(rec[signals.Q, i] - rec[signals.QD, i]) > limits[0]:
-            return TRACKING, i
+        if moving and statusword[i] & _STATE_MASK != _ENABLED:
+            return NOT_ENABLED, i
+        if abs(rec[signals.Q, i] - rec[signals.QD, i]) > 2.0 * limits[0]:
+            return RUNAWAY, i
         if rec[signals.VERDICT, i] == signals.ACTUATOR_LOSS and rec[signals.RHO_HAT, i] < limits[2]:
             return RHO_LOW, i
+    for i in range(rec.shape[1]):
+        if abs(rec[signals.Q, i] - rec[signals.QD, i]) > limits[0]:
+            return TRACKING, i
         if abs(rec[signals.TAU_CMD, i]) >= torque_limit[i]:
             saturated[i] += 1
             if saturated[i] >= limits[3]:
@@ -114,15 +131,16 @@ class Supervisor:
             ]
         )
 
-    def check(self, rec: F64, statusword: NDArray[np.int64]) -> tuple[int, int]:
+    def check(self, rec: F64, statusword: NDArray[np.int64], moving: bool) -> tuple[int, int]:
         """Return (violation, joint index), (OK, -1) when all is well. Real-time safe.
 
         Args:
             rec: The cycle's record, (14, n).
             statusword: CiA 402 statusword of each drive, (n,).
+            moving: Whether every drive must be in operation enabled.
         """
         found: tuple[int, int] = _check(
-            rec, statusword, self._saturated, self._torque_limit, self._limits
+            rec, statusword, self._saturated, self._torque_limit, self._limits, moving
         )
         return found
 
@@ -132,6 +150,7 @@ class Supervisor:
         limit = {
             STALE: table.stale_cycles,
             TRACKING: table.tracking_error_rad,
+            RUNAWAY: 2.0 * table.tracking_error_rad,
             RHO_LOW: table.rho_min,
             SATURATED: table.saturation_s,
         }.get(violation)

@@ -119,7 +119,7 @@ class VirtualBus:
     @property
     def barrier_pending(self) -> bool:
         """Whether some client has ended its share of the cycle."""
-        for client in self._clients:  # a loop: this is asked several times a cycle
+        for client in self._clients:  # noqa: SIM110 - asked several times a cycle
             if client.barrier is not None:
                 return True
         return False

@@ -25,6 +25,9 @@ from dftc_rt.rt.process import die_with_parent, name_process
 
 _REPORT_LIMIT = 1 << 20
 
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""What asks a run to stop safely: Ctrl-C, a polite kill, a terminal that closes."""
+
 
 class Flags:
     """A page that all processes of a run share.
@@ -61,15 +64,6 @@ class Flags:
     @end.setter
     def end(self, value: bool) -> None:
         self._words[1] = value
-
-    @property
-    def ready(self) -> bool:
-        """The rig answers."""
-        return self._get(3)
-
-    @ready.setter
-    def ready(self, value: bool) -> None:
-        self._words[3] = value
 
     @property
     def running(self) -> bool:
@@ -167,7 +161,8 @@ def on_sigterm(action: Callable[[], None]) -> None:
 def _run(name: str, function: Callable[[], dict[str, Any]], write: int) -> int:
     """Child side: run, report, and return the exit code; never raises."""
     parent = os.getppid()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):  # the launcher decides
+        signal.signal(number, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     name_process(name)
     die_with_parent(signal.SIGTERM)

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from dftc_rt.cli.processes.child import Child, Flags
+from dftc_rt.cli.processes.child import STOP_SIGNALS, Child, Flags
 from dftc_rt.cli.processes.roles import Rings
 
 _LOOK_S = 0.05
@@ -88,7 +88,7 @@ class Launcher:
     def run(self) -> Ended:
         """Start everything, wait for the controller's end, and end everything."""
         controller_role, rig_role, recorder_role = self._roles
-        before = {s: signal.signal(s, self._on_signal) for s in (signal.SIGINT, signal.SIGTERM)}
+        before = {s: signal.signal(s, self._on_signal) for s in STOP_SIGNALS}
         children: list[Child] = []
         try:
             recorder = self._start_recorder(recorder_role)

@@ -28,7 +28,6 @@ CONTROLLER_PRIORITY = 80
 RIG_PRIORITY = 80
 _ORPHAN_PATIENCE_S = 3.0
 _LOOK_S = 0.005
-_LOOK_S = 0.005
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +72,7 @@ def controller(
         opened: The session.
         connect_buses: Opens the controller's sockets, in the order of ``bus_names``.
         rings: Where records and events go.
-        flags: ``stop`` asks for a safe stop; the drives are not spoken to before ``ready``.
+        flags: ``stop`` asks for a safe stop.
         lockstep: No waiting, no real-time settings.
 
     Returns:
@@ -89,8 +88,6 @@ def controller(
     refused: list[str] = []
     real_time: RealTime | None = None
     try:
-        while not (flags.ready or flags.stop):
-            time.sleep(_LOOK_S)
         executor = connect(
             opened.scenario, opened.parts, connect_buses(), clock, rings.cycle, events.write,
             lambda: flags.stop,
@@ -104,7 +101,7 @@ def controller(
         except BusError as error:
             outcome = executor.outcome
             outcome.end_state, outcome.reason = "safe stop", f"bus lost: {error}"
-            events.write(rings.cycle.written * 1e-3, 3, "controller", outcome.reason)
+            events.write(executor.t, 3, "controller", outcome.reason)
     finally:
         flags.running = False
         rings.cycle.end()
@@ -165,6 +162,9 @@ def rig(
     ports: Sequence[BusPort] = ()
     try:
         made, ports = build()
+        if not lockstep:
+            real_time = RealTime(RIG_PRIORITY, last_core())
+            refused = real_time.refused
         flags.serving = True
         if lockstep:
             run_lockstep(made, ports, ended)

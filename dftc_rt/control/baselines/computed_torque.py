@@ -78,6 +78,9 @@ class ComputedTorque:
             if np.shape(values) != (n,) or not np.all(np.isfinite(values)):
                 raise InputError(f"start {name}", str(values), f"{n} finite values")
 
+    def skip(self, ticks: int) -> None:
+        """Nothing to account for: the law has no memory."""
+
     def update(self, rec: F64, inertia: F64, bias: F64) -> int:
         """One cycle, see :class:`dftc_rt.control.interface.Law`."""
         rec[RHO_HAT] = math.nan

@@ -29,6 +29,7 @@ from dftc_rt.errors import BusError, DriveError, InputError
 _DRIVE_HEARTBEAT_MS: Final = 100
 _QUICK_STOP_THEN_OFF: Final = 2  # 605Ah: slow down on the quick stop ramp, then switch off
 _KEEP_NMT_STATE: Final = 1  # 1029h:01h: feedback goes on after a communication error
+_SHUTDOWN_TIMEOUT_S: Final = 0.1  # a drive that is there answers at once
 _POLLS: Final = 1000  # looks at the statusword before a state counts as not reached
 
 
@@ -106,10 +107,13 @@ class Cia402Client:
             Joints whose drive did not confirm.
         """
         silent = []
+        for network in self._networks:
+            network.timeout_s = min(network.timeout_s, _SHUTDOWN_TIMEOUT_S)
         for i, drive in enumerate(self._drives):
             try:
                 self._network(i).pump()
                 self._write(i, od.CONTROLWORD, states.CW_DISABLE_VOLTAGE)
+                self._write(i, od.HEARTBEAT_CONSUMER, 0, 1)  # ours ends here, and that is no fault
                 if states.state_of(self._read(i, od.STATUSWORD)) not in (
                     states.SWITCH_ON_DISABLED,
                     states.FAULT,
