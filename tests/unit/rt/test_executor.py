@@ -18,6 +18,7 @@ from dftc_rt.config.scenario import (
 )
 from dftc_rt.control import signals
 from dftc_rt.drives.interface import GOAL_OFF, GOAL_OPERATE, GOAL_STOP
+from dftc_rt.errors import BusError
 from dftc_rt.memory import MemorySink
 from dftc_rt.reference import Reference
 from dftc_rt.rt.clock import FakeClock, LockstepClock
@@ -33,6 +34,8 @@ RUN, FINISH, ARM, STOP, FAULT = (
     State.RUN, State.FINISH, State.ARM, State.SAFE_STOP, State.FAULT,
 )  # fmt: skip
 FAULT_BIT = 0x0008
+ENABLED = 0x0027
+READY = 0x0021
 
 
 class Link:
@@ -44,6 +47,8 @@ class Link:
         self.age, self.status = np.zeros(2), np.zeros(2, dtype=np.int64)
         self.sent = np.zeros(2)
         self.missed = 3
+        self.refused = 0
+        self.abandoned = False
         self.goal = GOAL_OFF
         self.enables = True
         self.disables = True
@@ -55,6 +60,8 @@ class Link:
     def exchange(self, number: int, deadline: int) -> None:
         self.ticks.append((number, deadline, self.clock.now()))
         self.clock.time += self.cost.get(number, 0)
+        if self.goal == GOAL_OPERATE and self.enables and number >= 2:
+            self.status[self.status == 0] = ENABLED
         self.on_cycle(number)
 
     def command(self, tau: F64, torque: bool = True) -> None:
@@ -67,8 +74,11 @@ class Link:
     def first_not_enabled(self) -> int:
         return 1
 
-    def all_disabled(self) -> bool:
-        return self.disables and self.goal != GOAL_OPERATE
+    def first_live(self) -> int:
+        return -1 if self.disables and self.goal != GOAL_OPERATE else 0
+
+    def abandon(self) -> None:
+        self.abandoned = True
 
 
 class Law:
@@ -81,13 +91,19 @@ class Law:
         self.tau = np.array([1.23, -4.56])
         self.rho = np.ones(2)
         self.verdict = np.zeros(2)
+        self.failing = np.zeros(2, dtype=bool)
         self.status = 0
+        self.skipped: list[int] = []
         self.started_at: F64 | None = None
 
     def start(self, q: F64, v: F64) -> None:
         self.started_at = q.copy()
 
+    def skip(self, ticks: int) -> None:
+        self.skipped.append(ticks)
+
     def update(self, rec: F64, inertia: F64, bias: F64) -> int:
+        rec[signals.S] = np.where(self.failing, np.nan, 0.0)
         rec[signals.TAU_LAW] = 2.0 * self.tau
         rec[signals.TAU_CMD] = self.tau
         rec[signals.RHO_HAT] = self.rho
@@ -324,6 +340,15 @@ def saturated(bench: Bench) -> None:
 
 def law_fails(bench: Bench) -> None:
     bench.law.status = 2
+    bench.law.failing[1] = True
+
+
+def drops_out(bench: Bench) -> None:
+    bench.link.status[1] = READY
+
+
+def runs_away(bench: Bench) -> None:
+    bench.link.q[1] += 1.01
 
 
 def break_at(bench: Bench, cycle: int, action: Callable[[Bench], None]) -> None:
@@ -336,7 +361,10 @@ def break_at(bench: Bench, cycle: int, action: Callable[[Bench], None]) -> None:
         (not_a_number, "elbow: a value that is not finite"),
         (drive_fault, "elbow: the drive reports a fault"),
         (stale, "elbow: no fresh feedback for 20 cycles"),
-        (law_fails, "shoulder: a value that is not finite"),
+        (law_fails, "elbow: a value that is not finite"),
+        (drops_out, "elbow: the drive left operation enabled"),
+        (runs_away, "elbow: tracking error over 1.0 rad"),
+        (rho_low, "elbow: estimated effectiveness below 0.15"),
     ],
 )
 def test_where_control_cannot_be_trusted_the_drives_are_quick_stopped(
@@ -354,20 +382,14 @@ def test_where_control_cannot_be_trusted_the_drives_are_quick_stopped(
 @pytest.mark.parametrize(
     ("action", "reason", "after"),
     [
-        (rho_low, "elbow: estimated effectiveness below 0.15", 0),
+        (tracking, "elbow: tracking error over 0.5 rad", 0),
         (saturated, "elbow: torque saturated for 0.005 s", 4),
     ],
 )
 def test_otherwise_the_arm_is_brought_to_rest_first(
     bench: Bench, action: Callable[[Bench], None], reason: str, after: int
 ) -> None:
-    def heal(k: int) -> None:
-        if k == 8:
-            action(bench)
-        if k == 9 + after:
-            bench.law.verdict[:], bench.law.rho[:], bench.law.tau[:] = 0.0, 1.0, 0.0
-
-    bench.link.on_cycle = heal
+    break_at(bench, 8, action)  # and it stands: it is no second violation
     outcome = bench.run()
     assert (outcome.end_state, outcome.reason) == ("safe stop", reason)
     assert bench.states == [ARM, RUN, STOP, FAULT]
@@ -377,17 +399,55 @@ def test_otherwise_the_arm_is_brought_to_rest_first(
     assert torque == [state != FAULT for state in bench.records[1:, 4]] + [False]
 
 
-def test_tracking_error_ends_the_run(bench: Bench) -> None:
+def test_after_a_tracking_error_the_ramp_begins_where_the_joint_is(bench: Bench) -> None:
     break_at(bench, 8, tracking)
+    bench.run()
+    ramp = bench.records[:, 4] == STOP
+    np.testing.assert_allclose(bench.row(signals.QD)[ramp], [[0.1, -0.2 + 0.51]] * 10)
+
+
+def test_a_violation_that_no_ramp_can_mend_ends_the_ramp(bench: Bench) -> None:
+    def both(k: int) -> None:
+        if k == 8:
+            saturated(bench)
+        if k == 15:
+            drive_fault(bench)
+
+    bench.link.on_cycle = both
     outcome = bench.run()
-    assert (outcome.end_state, outcome.reason) == (
-        "safe stop",
-        "elbow: tracking error over 0.5 rad",
-    )
-    # It is still there on the way down: the ramp is not trusted either.
+    assert outcome.reason == "elbow: torque saturated for 0.005 s"
     assert bench.states == [ARM, RUN, STOP, FAULT]
-    assert np.count_nonzero(bench.records[:, 4] == STOP) == 1
-    assert bench.link.commands[9][1:] == (False, GOAL_STOP)
+    assert bench.link.commands[15][1:] == (False, GOAL_STOP)
+
+
+def test_a_drive_fault_is_found_behind_a_lesser_violation(bench: Bench) -> None:
+    def both(k: int) -> None:
+        if k == 8:
+            bench.link.q[0] += 0.51
+            drive_fault(bench)
+
+    bench.link.on_cycle = both
+    assert bench.run().reason == "elbow: the drive reports a fault"
+
+
+@pytest.mark.parametrize("error", [FloatingPointError("a law"), BusError("can1", "gone")])
+def test_an_exception_in_the_loop_leaves_no_drive_powered(bench: Bench, error: Exception) -> None:
+    def fail(k: int) -> None:
+        if k == 8:
+            raise error
+
+    bench.link.on_cycle = fail
+    with pytest.raises(type(error)):
+        bench.run()
+    assert bench.link.abandoned
+    assert bench.shut_down_after == 9
+
+
+def test_skipped_ticks_are_told_to_the_law() -> None:
+    skipping, _ = overrun("skip")
+    assert sum(skipping.law.skipped) == skipping.executor.outcome.counters.skipped > 0
+    catching, _ = overrun("catch_up")
+    assert catching.law.skipped == []
 
 
 @pytest.mark.parametrize(
@@ -410,7 +470,7 @@ def test_first_reason_is_the_one_that_is_told(bench: Bench) -> None:
     def both(k: int) -> None:
         if k == 8:
             rho_low(bench)
-        if k == 12:
+        if k == 9:
             drive_fault(bench)
 
     bench.link.on_cycle = both
