@@ -257,6 +257,7 @@ def test_armature_adds_to_the_inertia(arm2: Robot) -> None:
     plant = pendulum_plant(arm2, np.pi / 2, substeps=1, armature=0.1)
     plant.advance(1)
     assert plant.v[1] == pytest.approx(5.88 / (0.1233 + 0.1) * PERIOD, rel=1e-9)
+    assert plant.q[1] - np.pi / 2 == pytest.approx(plant.v[1] * PERIOD, rel=1e-6)  # semi-implicit
 
 
 @pytest.mark.parametrize("table", [{"viscous": 0.3}, {"coulomb": 0.4}])
