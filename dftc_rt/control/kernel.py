@@ -276,7 +276,10 @@ def joint(
 
 @njit(**_CACHE)
 def skip(par: Any, st: Any, history: F64, ticks: int) -> None:
-    """Account for ticks without a cycle: the drives went on with the last command.
+    """Account for ticks without a cycle.
+
+    No SYNC is sent at such a tick, so the drives go on with the torque that is in force,
+    and the command that was sent last waits.
 
     Args:
         par: Parameters, (n,).
@@ -285,12 +288,10 @@ def skip(par: Any, st: Any, history: F64, ticks: int) -> None:
         ticks: How many.
     """
     for i in range(par.shape[0]):
-        p, x, told = par[i], st[i], history[i]
+        p, x = par[i], st[i]
         for _ in range(ticks):
-            x.phi_sum += drive_torque(p, x, told)
+            x.phi_sum += drive_torque(p, x, history[i])
             x.elapsed += 1
-            told[x.cycle % told.shape[0]] = told[(x.cycle - 1) % told.shape[0]]
-            x.cycle += 1
 
 
 def build_kernel(revision: int) -> Callable[..., int]:
