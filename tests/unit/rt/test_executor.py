@@ -466,6 +466,14 @@ def test_just_within_the_limits_is_no_stop(
     assert bench.run().end_state == "done"
 
 
+def test_saturation_counts_only_without_a_break(bench: Bench) -> None:
+    def now_and_then(k: int) -> None:
+        bench.law.tau[1] = 0.0 if k % 5 == 0 else -100.0  # saturation_s is five cycles
+
+    bench.link.on_cycle = now_and_then
+    assert bench.run().end_state == "done"
+
+
 def test_first_reason_is_the_one_that_is_told(bench: Bench) -> None:
     def both(k: int) -> None:
         if k == 8:
