@@ -2,7 +2,8 @@
 
 One step is one control period of the plant, then one latch of all drives. In lock-step a
 step ends when every bus has seen the controller's barrier, and several SYNCs of one cycle
-(one a bus) are one step. In wall time the plant is integrated up to the moment of SYNC.
+(one a bus) are one step. In wall time the plant is integrated up to the moment of SYNC, to
+the nearest substep.
 """
 
 from __future__ import annotations
@@ -184,33 +185,30 @@ class Rig:
         Raises:
             BusError: A bus has gone away.
         """
-        stepped = self.steps
         synced = False
         for bus in ready:
-            port = self.ports[bus]
-            count = port.receive(self._inbox)
+            count = self.ports[bus].receive(self._inbox)
             row = 0
             while row < count:
                 row = self.drives.receive(bus, self._inbox, row, count)
-                if self.drives.synced:
-                    synced = True
-                    if not self.steps or now - self._last_step > 0.5 * self._period * NS:
-                        self._step_wall(now)
-                    else:
-                        self._actuate()
-                    self._answer(bus, port)
-            if not self.drives.synced:
-                self._answer(bus, port)
-        if stepped and not synced:
+                synced = synced or self.drives.synced
+        if synced:
+            if not self.steps or now - self._last_step > 0.5 * self._period * NS:
+                self._step_wall(now)
+            else:  # SYNC on a further bus in the same cycle: the same step, its own commands
+                self._actuate()
+        for bus in ready:
+            self._answer(bus, self.ports[bus])
+        if self.steps and not synced:
             self._integrate_ahead()
 
     def _integrate_ahead(self) -> None:
-        """Use the time between SYNCs: all but the last substep before the next one.
+        """Use the time between SYNCs: integrate up to the moment at which the next is due.
 
         What acts until then was fixed at the last SYNC, so nothing is anticipated, and the
         answer to the next SYNC does not have to wait for the plant.
         """
-        target = int((self._last_step + self._period * NS - self._origin) / self._dt_ns) - 1
+        target = round((self._last_step + self._period * NS - self._origin) / self._dt_ns)
         if target > self._substeps_done:
             self.plant.advance(target - self._substeps_done)
             self._substeps_done = target
@@ -239,7 +237,7 @@ class Rig:
     def _step_wall(self, now: int) -> None:
         if not self.steps:
             self._origin = now
-        due = int((now - self._origin) / self._dt_ns) - self._substeps_done
+        due = round((now - self._origin) / self._dt_ns) - self._substeps_done
         most = self._catch_up
         if due > most:
             # Nobody let this process run: that is the host's doing, not the drives'.

@@ -54,7 +54,7 @@ class Law(Protocol):
         ...
 
     def skip(self, ticks: int) -> None:
-        """Let ``ticks`` pass without a cycle or a SYNC: the torque in force stays. Real-time safe."""
+        """Let ticks pass without a cycle or SYNC: the torque in force stays. Real-time safe."""
         ...
 
     def update(self, rec: F64, inertia: F64, bias: F64) -> int:

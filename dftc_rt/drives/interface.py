@@ -102,8 +102,8 @@ class DriveCycle(Protocol):
         """Begin a cycle: no answer has been seen yet."""
         ...
 
-    def sync(self, bus: int, out: Frames) -> int:
-        """Fill in what is sent on one bus at the tick; return how many rows."""
+    def sync(self, bus: int, out: Frames, row: int = 0) -> int:
+        """Fill in, from ``row`` on, what is sent at the tick; return the row after it."""
         ...
 
     def decode(self, bus: int, frames: Frames, count: int) -> int:

@@ -62,6 +62,7 @@ class TabulatedTerms:
     """Local terms along a reference, to first order in each joint's own state.
 
     Attributes:
+        motion: (K, 3, n) the reference itself: q_d, v_d, a_d of each cycle.
         table: (K, 4, n), C-contiguous, so that a cycle reads one stretch of memory.
         inertia: (n,) M_i, kg m^2; rewritten in place.
         bias: (n,) Nm; rewritten in place.
@@ -105,6 +106,7 @@ class TabulatedTerms:
         self.bias = np.zeros(robot.n)
         self._exact = LocalTerms(robot, interconnection, frozen_q)
         self._reference = qd, vd, ad
+        self.motion = np.stack((qd, vd, ad), axis=1)
         if interconnection == "desired":
             self.table = _along_desired(robot, qd, vd, ad)
         else:

@@ -99,7 +99,9 @@ class DriveLink:
         self.missed = 0
         self.refused = 0
         self._out = frame_buffer(_CAPACITY)
-        self._words = self._out.view("<u8")
+        self._outs = [frame_buffer(_CAPACITY) for _ in self._sockets]  # in lock-step
+        self._words = [out.view("<u8") for out in self._outs]
+        self._waiting = False  # in lock-step, commands that wait for the next SYNC
         self._inbox = frame_buffer(_CAPACITY)
         self._waiter = Waiter([socket.fd for socket in sockets])
         self._waiters = [Waiter([socket.fd]) for socket in sockets]
@@ -129,26 +131,36 @@ class DriveLink:
             BusError: A bus has gone away.
         """
         cycle, out = self._cycle, self._out
-        if not self._lockstep:
-            for bus in self._buses:  # an answer to an earlier tick is never new
-                self._take(bus)
-            _late(cycle.seen, self.age)
-        cycle.begin()
-        for bus in self._buses:
-            rows = cycle.sync(bus, out)
-            if self._lockstep:
-                self._words[rows] = _BARRIER, number
-                rows += 1
-            self._send(bus, rows)
         if self._lockstep:
-            for bus in self._buses:
-                self._until_barrier(bus)
+            self._exchange_lockstep(number)
         else:
+            if self._waiter.wait(0.0):  # an answer to an earlier tick is never new
+                for bus in self._buses:
+                    self._take(bus)
+                _late(cycle.seen, self.age)
+            cycle.begin()
+            for bus in self._buses:
+                self._send(bus, out, cycle.sync(bus, out))
             self._until_answered(max(deadline, self._clock.now()) + self._budget_ns)
         self.missed += _age(cycle.seen, self.age)
 
+    def _exchange_lockstep(self, number: int) -> None:
+        """Send the last cycle's commands, SYNC and the barrier in one go; no time is between."""
+        cycle = self._cycle
+        rows = [cycle.encode(bus, self._outs[bus]) if self._waiting else 0 for bus in self._buses]
+        self._waiting = False
+        cycle.begin()
+        for bus in self._buses:
+            row = cycle.sync(bus, self._outs[bus], rows[bus])
+            self._words[bus][row] = _BARRIER, number
+            self._send(bus, self._outs[bus], row + 1)
+        for bus in self._buses:
+            self._until_barrier(bus)
+
     def command(self, tau: F64, torque: bool = True) -> None:
         """Send torque and controlword to every drive. Real-time safe.
+
+        In lock-step they wait here for the next SYNC: nothing happens before it.
 
         Args:
             tau: Torque, (n,), Nm.
@@ -159,8 +171,11 @@ class DriveLink:
         """
         cycle, out = self._cycle, self._out
         cycle.command(tau if torque else self._zero)
+        if self._lockstep:
+            self._waiting = True
+            return
         for bus in self._buses:
-            self._send(bus, cycle.encode(bus, out))
+            self._send(bus, out, cycle.encode(bus, out))
 
     def abandon(self) -> None:
         """Tell every drive that can still be reached to stop, as the last thing to be said."""
@@ -172,9 +187,9 @@ class DriveLink:
                 self._sockets[bus].send(out, cycle.encode(bus, out))
                 self._sockets[bus].send(out, cycle.sync(bus, out))
 
-    def _send(self, bus: int, rows: int) -> None:
-        """Send the first rows of the buffer on one bus; count and report what is refused."""
-        sent = self._sockets[bus].send(self._out, rows)
+    def _send(self, bus: int, out: Frames, rows: int) -> None:
+        """Send the first rows on one bus; count and report what is refused."""
+        sent = self._sockets[bus].send(out, rows)
         if sent < rows:
             if not self.refused:
                 self._event(self._sockets[bus].name, "the bus takes no more frames; some are lost")

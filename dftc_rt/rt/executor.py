@@ -58,6 +58,7 @@ class TableTerms(Protocol):
 
     inertia: F64
     bias: F64
+    motion: F64
 
     def update(self, k: int, q: F64, v: F64) -> None:
         """Refresh ``inertia`` and ``bias`` for cycle ``k`` of the run. Real-time safe."""
@@ -259,7 +260,9 @@ class Executor:
         state = self._state
         self.record[4] = state
         elapsed = k - self._phase_start
-        if state is State.RUN:
+        if state is State.RUN and self._table is not None:
+            self._desired[:] = self._table.motion[min(elapsed, self._run_cycles - 1)]
+        elif state is State.RUN:
             self._reference.sample(elapsed * self._period, self._desired)
         elif state is State.ARM:
             self._desired[0] = self._ramp_from[0]

@@ -161,9 +161,9 @@ class Cia402Cycle:
             self._heartbeat_in = self._heartbeat_every
         self._heartbeat_in -= 1
 
-    def sync(self, bus: int, out: Frames) -> int:
-        """Fill in SYNC; return how many rows."""
-        rows: int = codec.encode_sync(out, 0, self.counter)
+    def sync(self, bus: int, out: Frames, row: int = 0) -> int:
+        """Fill in SYNC at ``row``; return the row after it."""
+        rows: int = codec.encode_sync(out, row, self.counter)
         return rows
 
     def decode(self, bus: int, frames: Frames, count: int) -> int:
