@@ -23,6 +23,8 @@ WATCHDOG_S = 0.25
 PATIENT = (
     "--set", f"rig.drive.watchdog_s={WATCHDOG_S}", "--set", "supervisor.stale_cycles=250",
 )  # fmt: skip
+STALL_S = 0.02
+ATTEMPTS = 4  # of a real-time run that the host may hold up
 WALL_FIELDS = (1, 2, 3)  # lateness, compute, exchange in the header of /cycle
 
 
@@ -145,6 +147,12 @@ def topics(log: Path) -> set[str]:
     """Return the topics that have a message."""
     with log.open("rb") as stream:
         return {channel.topic for _, channel, _ in make_reader(stream).iter_messages()}
+
+
+def stalled(log: Path) -> bool:
+    """Return whether the host held the controller up for longer than a real one may be."""
+    lateness = [np.frombuffer(p[4:], "<f8", 2)[1] for p in payloads(log, "/cycle")]
+    return bool(lateness) and max(lateness) > STALL_S
 
 
 def attachments(log: Path) -> dict[str, bytes]:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dftc_rt.log.reader import read
-from tests.integration.commands import DFTC, PATIENT, Started, dftc, started
+from tests.integration.commands import ATTEMPTS, DFTC, PATIENT, Started, dftc, stalled, started
 
 SCENARIO = ("ur5_elbow_loss", "--set", "duration_s=1.0", *PATIENT)
 
@@ -39,7 +39,10 @@ def control(folder: Path, log: Path, *more: str) -> tuple[str | Path, ...]:
 def test_end_to_end_twice(rig: Started, mode: tuple[str, ...], tmp_path: Path) -> None:
     for number in (1, 2):  # the rig goes on: a second controller finds the drives as they are
         log = tmp_path / f"{number}.mcap"
-        done = dftc(*control(tmp_path, log, *mode))
+        for _ in range(ATTEMPTS):
+            done = dftc(*control(tmp_path, log, *mode))
+            if done.returncode == 0 or mode or not stalled(log):
+                break
         assert done.returncode == 0, done.stderr
         found = json.loads(done.stdout)
         assert found["end_state"] == "done"
