@@ -103,6 +103,7 @@ class DriveLink:
         self._words = [out.view("<u8") for out in self._outs]
         self._waiting = False  # in lock-step, commands that wait for the next SYNC
         self._inbox = frame_buffer(_CAPACITY)
+        self._inbox_words = self._inbox.view("<u8")
         self._waiter = Waiter([socket.fd for socket in sockets])
         self._waiters = [Waiter([socket.fd]) for socket in sockets]
 
@@ -155,7 +156,7 @@ class DriveLink:
             self._words[bus][row] = _BARRIER, number
             self._send(bus, self._outs[bus], row + 1)
         for bus in self._buses:
-            self._until_barrier(bus)
+            self._until_barrier(bus, number)
 
     def command(self, tau: F64, torque: bool = True) -> None:
         """Send torque and controlword to every drive. Real-time safe.
@@ -233,7 +234,7 @@ class DriveLink:
                     f"emergency 0x{code:04X}, register 0x{register:02X}, node {can_id & 0x7F}",
                 )
 
-    def _until_barrier(self, bus: int) -> None:
+    def _until_barrier(self, bus: int, number: int) -> None:
         """Receive on one bus until the rig has ended its share of the cycle."""
         socket, inbox = self._sockets[bus], self._inbox
         while True:
@@ -242,6 +243,9 @@ class DriveLink:
             if at and self._cycle.decode(bus, inbox, at):
                 self._report(bus, inbox, at)
             if at < count:
+                if self._inbox_words[at, 1] != number:
+                    found = int(self._inbox_words[at, 1])
+                    raise BusError(socket.name, f"barrier of cycle {found} instead of {number}")
                 return
             if not count:
                 if socket.fd < 0:

@@ -78,7 +78,8 @@ class Cia402Client:
         """
         for network in self._networks:
             network.pump()
-            network.send_message(od.NMT, [od.NMT_PRE_OPERATIONAL, 0])
+        for i, node in enumerate(self._nodes):  # each by name: others may share the bus
+            self._network(i).send_message(od.NMT, [od.NMT_PRE_OPERATIONAL, node.id])
         for i in range(len(self._nodes)):
             with self._blame(i):
                 self._check_identity(i)
@@ -121,11 +122,11 @@ class Cia402Client:
                     silent.append(drive.scale.joint)
             except (SdoError, BusError):
                 silent.append(drive.scale.joint)
-        for network in self._networks:
+        for i, node in enumerate(self._nodes):
             try:
-                network.send_message(od.NMT, [od.NMT_PRE_OPERATIONAL, 0])
+                self._network(i).send_message(od.NMT, [od.NMT_PRE_OPERATIONAL, node.id])
             except BusError:
-                continue  # its joints are in the list already
+                continue  # its joint is in the list already
         return tuple(silent)
 
     # --- steps of configure ----------------------------------------------------------
