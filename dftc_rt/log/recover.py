@@ -38,10 +38,13 @@ def recover(src: str | Path, dst: str | Path) -> Recovered:
 
     Raises:
         LogError: ``src`` cannot be read or is no MCAP file, or ``dst`` cannot be written
-            or is ``src``.
+            or is ``src``, or is there and no plain file.
     """
     if os.path.realpath(src) == os.path.realpath(dst):
         raise LogError(str(dst), "the log itself", "another file to write to")
+    if os.path.exists(dst) and not os.path.isfile(dst):
+        # It would be replaced, not written to: as root, even a device like /dev/full.
+        raise LogError(str(dst), "is no plain file", "a file to write")
     try:
         with open(src, "rb") as source:
             if source.read(len(MAGIC)) != MAGIC:

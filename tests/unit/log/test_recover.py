@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -85,3 +86,13 @@ def test_what_cannot_be_repaired_is_one_line(log: Path, tmp_path: Path) -> None:
         recover(log, log)
     with pytest.raises(LogError, match="No such file"):
         recover(log, tmp_path / "none" / "x.mcap")
+
+
+def test_what_is_no_plain_file_is_not_replaced(tmp_path: Path) -> None:
+    source, pipe = tmp_path / "run.mcap", tmp_path / "pipe"
+    source.write_bytes(b"\x89MCAP0\r\n")
+    os.mkfifo(pipe)
+    for target in (pipe, tmp_path):
+        with pytest.raises(LogError, match="no plain file"):
+            recover(source, target)
+    assert pipe.is_fifo()
