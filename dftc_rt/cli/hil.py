@@ -90,7 +90,7 @@ def hil(
                 Path(private).rmdir()
 
         try:
-            where = f" in {directory}" if choice.kind == "unix" else ""
+            where = f" (sockets in {directory})" if choice.kind == "unix" else ""
             print(f"bus: {choice.reason}{where}", file=sys.stderr, flush=True)
             with Status(opened, quiet=json or lockstep) as status:
                 ended = _launch(opened, choice, buses, path, lockstep, status, abandon)

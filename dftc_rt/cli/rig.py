@@ -79,7 +79,7 @@ def rig(
     try:
         ports = buses.ports()
         made = make_rig(opened, ports, truth, events.write)
-        where = f" in {directory}" if choice.kind == "unix" else ""
+        where = f" (sockets in {directory})" if choice.kind == "unix" else ""
         print(
             f"{opened.robot.name}: {opened.robot.n} drives on {', '.join(names)}; "
             f"{choice.reason}{where}; Ctrl-C ends",
