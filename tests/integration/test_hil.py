@@ -170,3 +170,25 @@ def test_killed_launcher_takes_the_rest_with_it(long: Started, tmp_path: Path) -
     assert logged.cycle["state"][-1] == 6.0
     assert logged.rig is not None
     assert np.all(logged.rig["tau_applied"][-1] == 0.0)
+
+
+def test_controller_and_rig_share_a_core_in_real_time_or_say_why_not(long: Started) -> None:
+    pids = long.children()
+    loops = [pids["dftc-controller"], pids["dftc-rig"]]
+    permitted = os.geteuid() == 0
+    if permitted:
+        assert [os.sched_getscheduler(pid) for pid in loops] == [os.SCHED_FIFO] * 2
+        cores = [os.sched_getaffinity(pid) for pid in loops]
+        assert cores[0] == cores[1]
+        assert len(cores[0]) == 1
+    assert os.sched_getscheduler(pids["dftc-recorder"]) == os.SCHED_OTHER
+    long.process.send_signal(signal.SIGINT)
+    assert long.end() == 130
+    assert ("no SCHED_FIFO" in long.err) == (not permitted)
+
+
+def test_a_closed_terminal_is_a_safe_stop(long: Started) -> None:
+    pids = list(long.children().values())
+    long.process.send_signal(signal.SIGHUP)
+    assert long.end() == 130
+    until(lambda: all(gone(pid) for pid in pids), "the children to end")
