@@ -219,19 +219,22 @@ def _csv(table: ReferenceTable, home: F64) -> tuple[F64, ...]:
     if not path.is_file():
         raise MissingFileError("reference.file", f"no file '{path}'", "a CSV file t,q_1,…,q_n")
     rows: list[list[float]] = []
-    with path.open(newline="", encoding="utf-8") as handle:
-        for number, row in enumerate(csv.reader(handle), start=1):
-            if number == 1:
-                continue
-            try:
-                values = [float(x) for x in row]
-            except ValueError:
-                values = []
-            if len(values) != n + 1 or not np.all(np.isfinite(values)):
-                raise InputError(f"{path}:{number}", f"{row}", f"{n + 1} finite numbers")
-            rows.append(values)
+    try:
+        lines = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(str(path), f"cannot be read: {error}", "a CSV file t,q_1,…,q_n") from None
+    for number, row in enumerate(lines, start=1):
+        if number == 1:
+            continue
+        try:
+            values = [float(x) for x in row]
+        except ValueError:
+            values = []
+        if len(values) != n + 1 or not np.all(np.isfinite(values)):
+            raise InputError(f"{path}:{number}", f"{row}", f"{n + 1} finite numbers")
+        rows.append(values)
     data = np.asarray(rows)
-    if data.shape[0] < 2 or np.any(np.diff(data[:, 0]) <= 0):
+    if data.ndim != 2 or data.shape[0] < 2 or np.any(np.diff(data[:, 0]) <= 0):
         raise InputError(str(path), "times do not rise", "two or more rows of rising time")
     spline = CubicSpline(data[:, 0], data[:, 1:], bc_type="clamped")
     coef = np.zeros((data.shape[0] - 1, n, 6))

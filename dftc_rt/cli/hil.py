@@ -112,9 +112,10 @@ def log_path(opened: Session, log: str | Path | None) -> Path:
         path = Path("logs") / f"{opened.scenario.name}-{stamp}.mcap"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        folder = path.is_dir()
     except OSError as error:
-        raise InputError(str(path.parent), f"{error.strerror}", "a folder to log into") from None
-    if path.is_dir():
+        raise InputError(str(path)[:80], f"{error.strerror}", "a file to log into") from None
+    if folder:
         raise InputError(str(path), "is a folder", "a file to write")
     return path
 

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 from dftc_rt.analysis import metrics
 from dftc_rt.analysis.report import write_report
+from dftc_rt.errors import LogError
 from dftc_rt.log.reader import read
 
 
@@ -31,6 +32,8 @@ def report(log: str | Path, *, output: Annotated[str | Path, Parameter(alias="-o
         LogError: The log cannot be read, or the report not be written.
     """
     run = read(log)
+    if Path(output).resolve() == Path(log).resolve():
+        raise LogError(str(output), "the log itself", "another file to write to")
     write_report(run, metrics.evaluate(run), output)
     sys.stdout.write(f"{output}\n")
     return 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,10 +42,20 @@ def load_scenario(
     Raises:
         InputError: The file or an override is wrong; one line says where.
     """
-    path = _find(source, shipped)
-    raw = toml.apply_overrides(toml.read(path), settings)
-    _resolve_paths(raw, path.parent)
-    return from_raw(raw, str(path))
+    try:
+        path = _find(source, shipped)
+        raw = toml.apply_overrides(toml.read(path), settings)
+        _resolve_paths(raw, path.parent)
+        return from_raw(raw, str(path))
+    except RecursionError:
+        raise InputError(
+            str(source), "nested too deeply", "tables as in docs/contract.md"
+        ) from None
+    except InputError:  # among them MissingFileError, which is an OSError too
+        raise
+    except OSError as error:
+        reason = error.strerror or "cannot be read"
+        raise InputError(f"{str(source)[:80]}", reason, "the path of a TOML file") from None
 
 
 def from_raw(raw: dict[str, Any], where: str) -> LoadedScenario:
@@ -53,7 +64,15 @@ def from_raw(raw: dict[str, Any], where: str) -> LoadedScenario:
     Raises:
         InputError: A key or value is wrong.
     """
+    _refuse_infinite(raw, where)
     scenario = toml.convert(raw, Scenario, where)
+    watchdog_s, rate_hz = scenario.rig.drive.watchdog_s, scenario.executor.rate_hz
+    if watchdog_s * rate_hz < 2.0 * (1 - 1e-9):
+        raise InputError(
+            f"{where}: rig.drive.watchdog_s",
+            f"{watchdog_s:g} s is less than two periods at {rate_hz:g} Hz",
+            f"at least {2.0 / rate_hz:g}",
+        )
     robot = scenario.robot
     if (robot.name is None) == (robot.urdf is None):
         found = "neither name nor urdf" if robot.name is None else "both name and urdf"
@@ -75,6 +94,18 @@ def from_text(text: str) -> Scenario:
     import tomllib
 
     return from_raw(tomllib.loads(text), "resolved scenario").scenario
+
+
+def _refuse_infinite(node: Any, where: str, path: str = "") -> None:
+    """Refuse an infinite number anywhere: nothing here may be one, and ranges let it pass."""
+    if isinstance(node, dict):
+        for key, value in node.items():
+            _refuse_infinite(value, where, f"{path}.{key}" if path else str(key))
+    elif isinstance(node, (list, tuple)):
+        for index, value in enumerate(node):
+            _refuse_infinite(value, where, f"{path}[{index}]")
+    elif isinstance(node, float) and math.isinf(node):
+        raise InputError(f"{where}: {path}", f"found {node}", "a finite number")
 
 
 def _find(source: str | Path, shipped: Path | None) -> Path:

@@ -15,6 +15,8 @@ Positive = Annotated[float, Meta(gt=0)]
 NonNegative = Annotated[float, Meta(ge=0)]
 Fraction = Annotated[float, Meta(ge=0, le=1)]
 Scalars = float | tuple[float, ...]  # one value for all joints, or one per joint
+Magnitudes = NonNegative | tuple[NonNegative, ...]  # the same, none negative
+Seed = Annotated[int, Meta(ge=0)]
 
 
 class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -39,7 +41,7 @@ class ReferenceTable(_Strict, frozen=True):
     # freed memory on a bounded number in union with a tuple of fixed length.
     frequency_hz: Positive | tuple[Positive, ...] = (0.1, 0.5)
     sines: Annotated[int, Meta(ge=1, le=64)] = 4
-    seed: int = 7
+    seed: Seed = 7
     blend_s: NonNegative = 1.0
     times_s: tuple[float, ...] = ()
     positions_rad: tuple[tuple[float, ...], ...] = ()
@@ -67,7 +69,7 @@ class ExecutorTable(_Strict, frozen=True):
 class BusTable(_Strict, frozen=True):
     """``[bus]``: how frames travel."""
 
-    interface: str = "auto"
+    interface: Literal["auto", "vcan", "unix", "inprocess"] = "auto"
     timing: Literal["off", "account"] = "account"
     profile: Literal["cia402"] = "cia402"
     bitrate: Annotated[int, Meta(ge=10_000, le=1_000_000)] = 1_000_000
@@ -81,7 +83,7 @@ class SupervisorTable(_Strict, frozen=True):
     stale_cycles: Annotated[int, Meta(ge=1)] = 20
     rho_min: Annotated[float, Meta(gt=0, lt=1)] = 0.15
     saturation_s: Positive = 1.0
-    stop_ramp_s: Positive = 0.3
+    stop_ramp_s: Annotated[float, Meta(gt=0, le=60)] = 0.3
 
 
 class PlantTable(_Strict, frozen=True):
@@ -92,9 +94,9 @@ class PlantTable(_Strict, frozen=True):
     v0_rad_s: tuple[float, ...] | None = None
     payload_kg: NonNegative = 0.0
     payload_com_m: tuple[float, float, float] = (0.0, 0.0, 0.1)
-    viscous: Scalars = 0.0
-    coulomb: Scalars = 0.0
-    armature: Scalars | None = None
+    viscous: Magnitudes = 0.0
+    coulomb: Magnitudes = 0.0
+    armature: Magnitudes | None = None
 
 
 class DriveTable(_Strict, frozen=True):
@@ -160,7 +162,7 @@ class Scenario(_Strict, frozen=True):
 
     name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9._-]+$")]
     robot: RobotTable
-    seed: int = 1
+    seed: Seed = 1
     duration_s: Annotated[float, Meta(gt=0, le=86_400)] = 20.0
     reference: ReferenceTable = ReferenceTable()
     control: ControlTable = ControlTable()
