@@ -61,7 +61,7 @@ def choose_bus(
         if kind is None:
             raise EnvironmentLacksError(
                 f"no interface {name} for the bus {bus}",
-                "make it with 'dftc bus up' (needs root and the module vcan), or use --bus unix",
+                f"ip link add {name} type vcan && ip link set {name} up, as root, or use --bus unix",
             )
         if kind != "vcan":
             raise InputError(name, f"a link of kind {kind or 'hardware'}", "kind vcan")

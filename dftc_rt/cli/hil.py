@@ -117,6 +117,8 @@ def log_path(opened: Session, log: str | Path | None) -> Path:
         raise InputError(str(path)[:80], f"{error.strerror}", "a file to log into") from None
     if folder:
         raise InputError(str(path), "is a folder", "a file to write")
+    if path.suffix == ".html":  # there the report goes
+        raise InputError(str(path), "is no name for a log", "another ending, such as .mcap")
     return path
 
 

@@ -90,6 +90,8 @@ def simulate(
         run, outcome = run_simulation(opened, recorder)
     found = session.summarise(run, outcome, log=None if log is None else str(log))
     session.show(found, json)
+    if outcome.reason:
+        print(f"dftc: {outcome.end_state}: {outcome.reason}", file=sys.stderr)
     return session.exit_code(outcome.end_state)
 
 

@@ -41,7 +41,7 @@ class SocketCanPort(VirtualBus):
         """
         kind = link_kind(interface)
         if kind is None:
-            raise BusError(name, f"there is no interface {interface} (dftc bus up)")
+            raise BusError(name, f"there is no interface {interface}")
         if kind != "vcan":
             raise InputError(interface, f"a link of kind {kind or 'hardware'}", "kind vcan")
         super().__init__(name, timing=timing, bitrate=bitrate)
