@@ -144,7 +144,6 @@ class Executor:
         """
         n = len(joints)
         self._joints = joints
-        self._n = n
         self._clock = clock
         self._link = link
         self._law = law
