@@ -1,0 +1,1 @@
+"""Plants whose equations of motion are written down, not derived from a URDF."""
