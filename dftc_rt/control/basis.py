@@ -99,11 +99,25 @@ def network(weights: F64, sigma: F64) -> float:
 
 
 @njit(**_CACHE)
-def adapt(weights: F64, sigma: F64, drive: float, leak: float, bound: float, period: float) -> None:
-    """One explicit step of Ŵ̇ = drive σ - leak Ŵ, projected to |Ŵ_k| ≤ bound.
+def weight_rate(weight: float, sigma: float, drive: float, leak: float) -> float:
+    """Ŵ̇_k = drive σ_k - leak Ŵ_k.
 
-    With leak 0 and bound infinity this is the printed adaptation, where ``drive`` is
-    Γ_f s in (11), Γ_g s u in (12), Γ_fo e_2o in (21) and Γ_go e_2o u in (22).
+    ``drive`` is Γ_f s in (11), Γ_g s u in (12), Γ_fo e_2o in (21) and Γ_go e_2o u in (22).
+
+    Args:
+        weight: Ŵ_k.
+        sigma: σ_k(x).
+        drive: Factor in front of σ.
+        leak: σ-modification, 1/s; 0 in the paper.
+
+    Source: [zhao2017] eq. (11), (12), (21), (22); the leakage is ours.
+    """
+    return drive * sigma - leak * weight
+
+
+@njit(**_CACHE)
+def adapt(weights: F64, sigma: F64, drive: float, leak: float, bound: float, period: float) -> None:
+    """One explicit step of :func:`weight_rate`, projected to |Ŵ_k| ≤ bound.
 
     Args:
         weights: Ŵ, (m,), updated in place.
@@ -116,5 +130,5 @@ def adapt(weights: F64, sigma: F64, drive: float, leak: float, bound: float, per
     Source: [zhao2017] eq. (11), (12), (21), (22).
     """
     for j in range(sigma.shape[0]):
-        w = weights[j] + period * (drive * sigma[j] - leak * weights[j])
+        w = weights[j] + period * weight_rate(weights[j], sigma[j], drive, leak)
         weights[j] = min(max(w, -bound), bound)

@@ -12,12 +12,12 @@ ALWAYS = 1
 
 
 @njit(**_CACHE)
-def target(rho_hat: float, rho_min: float) -> float:
-    """1/clip(ρ̂, ρ_min, 1), dimensionless.
+def target(rho_hat: float, rho_min: float, rho_max: float) -> float:
+    """1/clip(ρ̂, ρ_min, ρ_max), dimensionless.
 
-    Source: [zhao2017] eq. (33); the clip is ours.
+    Source: [zhao2017] eq. (33); the clip is ours, and wide open in the printed form.
     """
-    return 1.0 / min(max(rho_hat, rho_min), 1.0)
+    return 1.0 / min(max(rho_hat, rho_min), rho_max)
 
 
 @njit(**_CACHE)

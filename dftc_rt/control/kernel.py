@@ -11,7 +11,7 @@ from typing import Any
 
 from numba import njit
 
-from dftc_rt.control import basis, decision, gain, identifier, law, layout, observer
+from dftc_rt.control import basis, decision, gain, identifier, law, layout, observer, rates
 from dftc_rt.control.interface import F64, NONFINITE_INPUT, NONFINITE_LAW
 from dftc_rt.control.layout import W_F, W_FO, W_G, W_GO
 from dftc_rt.control.signals import (
@@ -35,7 +35,6 @@ from dftc_rt.control.signals import (
 )
 
 _CACHE = {"cache": True, "fastmath": False}
-_SPLIT = 0
 
 
 @njit(**_CACHE)
@@ -49,17 +48,6 @@ def drive_torque(p: Any, x: Any, history: F64) -> float:
 
 
 @njit(**_CACHE)
-def models(p: Any, inertia: float, bias: float, wf: float, wg: float) -> tuple[float, float]:
-    """f̂ and ĝ from the split and the RBF outputs, or from the latter alone (printed form)."""
-    if p.model == _SPLIT:
-        return (
-            law.drift(inertia, bias, wf),
-            law.input_gain(inertia, wg, p.g_min, p.g_max),
-        )
-    return wf, min(max(wg, p.g_min), p.g_max)
-
-
-@njit(**_CACHE)
 def identify(
     p: Any, x: Any, weights: F64, sigma: F64, q: float, v: float, f_o: float, g_o: float, u: float
 ) -> float:
@@ -67,16 +55,15 @@ def identify(
     corr: float
     e1o = q - x.x1o
     e2o = v - x.x2o
-    big_e = law.interconnection_bound(e2o, p.s_bound)
-    sgn = law.switching(e2o, p.layer_o, p.layer_shape)
-    corr = identifier.correction(x.delta_o, big_e, sgn, p.l2, e2o)
+    corr = rates.identifier_correction(p, e2o, x.delta_o)
     h = p.period
     x.x1o += h * identifier.rate1(x.x2o, p.l1, e1o)
     x.x2o += h * identifier.rate2(f_o, g_o, u, corr)
     if p.identifier == identifier.ADAPT:
-        basis.adapt(weights[W_FO], sigma, p.gamma_fo * e2o, p.leak_o, p.w_f_max, h)
-        basis.adapt(weights[W_GO], sigma, p.gamma_go * e2o * u, p.leak_o, p.w_g_max, h)
-        drive = p.gamma_delta_o * law.magnitude(e2o, p.dead_zone_o) * big_e
+        drive_f, drive_g = rates.identifier_weight_drives(p, e2o, u)
+        basis.adapt(weights[W_FO], sigma, drive_f, p.leak_o, p.w_f_max, h)
+        basis.adapt(weights[W_GO], sigma, drive_g, p.leak_o, p.w_g_max, h)
+        drive = rates.identifier_bound_drive(p, e2o)
         x.delta_o = law.bound_step(x.delta_o, drive, p.leak_o, p.delta_o_max, h)
     return corr
 
@@ -86,14 +73,15 @@ def observe_printed(
     p: Any, x: Any, q: float, v: float, f_o: float, g_o: float, u: float, corr: float, e1o: float
 ) -> None:
     """Step (28), (29) as printed, with the measured state in the place of (27)."""
-    e1f = q - x.x1fo
-    e2f = v - x.x2fo
-    used = corr if p.observer_correction == 1 else 0.0
-    rate, rho_rate = observer.printed_rates(x.rho, e2f, f_o, g_o, u, used, p.l2f, p.gamma_rho)
+    on = p.observer_correction == 1
+    rate1, rate2, rho_rate = rates.observer_rates(
+        p, x.rho, x.x1fo, x.x2fo, q, v, f_o, g_o, u,
+        p.l1 * e1o if on else 0.0, corr if on else 0.0,
+    )  # fmt: skip
     h = p.period
-    x.x1fo += h * (x.x2fo + p.l1 * e1o + p.l1f * e1f)
-    x.x2fo += h * rate
-    x.rho = min(max(x.rho + h * rho_rate, 0.0), observer.RHO_TOP)
+    x.x1fo += h * rate1
+    x.x2fo += h * rate2
+    x.rho += h * rho_rate
 
 
 @njit(**_CACHE)
@@ -177,7 +165,7 @@ def amplify(p: Any, x: Any) -> None:
     """Move the gain (33)."""
     wanted = 1.0
     if p.ftc == 1 and (p.gain_gate == gain.ALWAYS or x.verdict == ACTUATOR_LOSS):
-        wanted = gain.target(x.rho, p.rho_min)
+        wanted = gain.target(x.rho, p.rho_min, p.rho_max)
     x.gain = gain.follow(x.gain, wanted, p.gain_rate, p.period)
 
 
@@ -209,7 +197,7 @@ def joint(
     u_last = drive_torque(p, x, history)
     x.phi_sum += u_last
     x.elapsed += 1
-    bad_model = p.model == _SPLIT and not (math.isfinite(m) and m > 0.0 and math.isfinite(b))
+    bad_model = p.model == rates.SPLIT and not (math.isfinite(m) and m > 0.0 and math.isfinite(b))
     if bad_model or not math.isfinite(q + v + e1 + e2 + acc_d):
         silence(i, rec, x, history)
         return NONFINITE_INPUT
@@ -221,7 +209,7 @@ def joint(
         wfo = basis.network(w[W_FO], sigma)
         wgo = basis.network(w[W_GO], sigma)
     # identifier (18) and observer (28), (29), or the regression y = rho phi
-    f_o, g_o = models(p, m, b, wfo, wgo)
+    f_o, g_o = rates.models(p, m, b, wfo, wgo)
     corr = 0.0
     e1o = q - x.x1o
     if p.identifier != identifier.OFF and x.cycle > 0:
@@ -239,11 +227,10 @@ def joint(
         decide(p, x, observable)
     # law (10), gain (33), command
     s = law.sliding(p.lam, e1, e2)
-    f_hat, g_hat = models(p, m, b, wf, wg)
-    sgn = law.switching(s, p.layer, p.layer_shape)
-    big_s = law.interconnection_bound(s, p.s_bound)
-    robust = law.robust_term(x.delta, x.xi, big_s, sgn)
-    u = law.torque(p.k, p.lam, s, e2, acc_d, f_hat, g_hat, robust) if g_hat != 0.0 else math.nan
+    f_hat, g_hat = rates.models(p, m, b, wf, wg)
+    u = math.nan
+    if g_hat != 0.0:
+        u = rates.torque(p, s, e2, acc_d, f_hat, g_hat, x.delta, x.xi)
     amplify(p, x)
     if not math.isfinite(u * x.gain + x.rho):
         silence(i, rec, x, history)
@@ -253,14 +240,13 @@ def joint(
     saturated = abs(x.gain * u) > p.limit
     if not (saturated and p.freeze_saturated == 1):
         h = p.period
-        size = law.magnitude(s, p.dead_zone)
-        x.delta = law.bound_step(
-            x.delta, p.gamma_delta * size * big_s, p.leak_delta, p.delta_max, h
-        )
-        x.xi = law.bound_step(x.xi, p.gamma_xi * size, p.leak_xi, p.xi_max, h)
+        drive_delta, drive_xi = rates.bound_drives(p, s)
+        x.delta = law.bound_step(x.delta, drive_delta, p.leak_delta, p.delta_max, h)
+        x.xi = law.bound_step(x.xi, drive_xi, p.leak_xi, p.xi_max, h)
         if p.adapt_f == 1:
-            basis.adapt(w[W_F], sigma, p.gamma_f * s, p.leak_f, p.w_f_max, h)
-            basis.adapt(w[W_G], sigma, p.gamma_g * s * u, p.leak_g, p.w_g_max, h)
+            drive_f, drive_g = rates.weight_drives(p, s, u)
+            basis.adapt(w[W_F], sigma, drive_f, p.leak_f, p.w_f_max, h)
+            basis.adapt(w[W_G], sigma, drive_g, p.leak_g, p.w_g_max, h)
     history[x.cycle % history.shape[0]] = told
     x.cycle += 1
     rec[TAU_LAW, i] = u

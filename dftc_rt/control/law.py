@@ -98,11 +98,45 @@ def robust_term(delta: float, xi: float, big_s: float, sgn: float) -> float:
 
 
 @njit(**_CACHE)
-def bound_step(value: float, drive: float, leak: float, bound: float, period: float) -> float:
-    """One explicit step of ẇ = drive - leak w, projected to [0, bound].
+def interconnection_drive(gamma: float, size: float, big_s: float) -> float:
+    """Γ_δ |s| S, rad/s³; with |e_2o| and E the identifier's.
 
-    ``drive`` is Γ_δ |s| S in (13), Γ_ξ |s| in (14) and Γ_δo |e_2o| E in (23), with |·| taken
-    beyond the dead zone.
+    Args:
+        gamma: Γ_δ or Γ_δo, 1/s.
+        size: |s| or |e_2o|, from :func:`magnitude`, rad/s.
+        big_s: S or E.
+
+    Source: [zhao2017] eq. (13), (23).
+    """
+    return gamma * size * big_s
+
+
+@njit(**_CACHE)
+def approximation_drive(gamma: float, size: float) -> float:
+    """Γ_ξ |s|, rad/s³.
+
+    Source: [zhao2017] eq. (14).
+    """
+    return gamma * size
+
+
+@njit(**_CACHE)
+def bound_rate(value: float, drive: float, leak: float) -> float:
+    """Rate of δ̂, ξ̂ or δ̂_o with σ-modification: drive - leak w, rad/s³.
+
+    Args:
+        value: δ̂, ξ̂ or δ̂_o, rad/s².
+        drive: From :func:`interconnection_drive` or :func:`approximation_drive`, rad/s³.
+        leak: σ-modification, 1/s; 0 in the paper.
+
+    Source: [zhao2017] eq. (13), (14), (23); the leakage is ours.
+    """
+    return drive - leak * value
+
+
+@njit(**_CACHE)
+def bound_step(value: float, drive: float, leak: float, bound: float, period: float) -> float:
+    """One explicit step of :func:`bound_rate`, projected to [0, bound].
 
     Args:
         value: δ̂, ξ̂ or δ̂_o, rad/s².
@@ -113,7 +147,8 @@ def bound_step(value: float, drive: float, leak: float, bound: float, period: fl
 
     Source: [zhao2017] eq. (13), (14), (23).
     """
-    return min(max(value + period * (drive - leak * value), 0.0), bound)
+    rate: float = bound_rate(value, drive, leak)
+    return min(max(value + period * rate, 0.0), bound)
 
 
 @njit(**_CACHE)

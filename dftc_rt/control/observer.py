@@ -144,6 +144,21 @@ def predict(var: float, walk: float, period: float, top: float) -> float:
 
 
 @njit(**_CACHE)
+def normalised_rate(error: float, phi: float, speed: float, floor: float) -> float:
+    """ρ̂̇ = Γ_ρ ε φ/(φ² + floor²), 1/s: (29) with a speed that does not depend on the torque.
+
+    Args:
+        error: ε = e_2f/ĝ in Nm s with φ = u in Nm, or e_2f in rad/s with φ = ĝ u in rad/s².
+        phi: Regressor.
+        speed: Γ_ρ, 1/s²: the loop's natural frequency squared.
+        floor: φ below which the normalisation fades.
+
+    Source: [zhao2017] eq. (29); the normalisation is ours.
+    """
+    return speed * error * phi / (phi * phi + floor * floor)
+
+
+@njit(**_CACHE)
 def gradient(
     rho: float,
     aux: float,
@@ -176,33 +191,67 @@ def gradient(
     Source: [zhao2017] eq. (28), (29); the normalisation is ours.
     """
     aux = aux + period * (y - rho * phi - damping * aux)
-    rho = rho + period * speed * aux * phi / (phi * phi + floor * floor)
+    rho = rho + period * normalised_rate(aux, phi, speed, floor)
     return min(max(rho, 0.0), RHO_TOP), aux
 
 
 @njit(**_CACHE)
-def printed_rates(
+def faulty_rate(rho: float, f_o: float, g_o: float, u: float, corr: float) -> float:
+    """x̂̇_2f = f̂_o + ĝ_o ρ u + correction, rad/s²; its first line is that of (18).
+
+    The identified system with the fault contains ρ, which is what is looked for: it exists in
+    a simulation only. On a robot the measured state takes its place.
+
+    Args:
+        rho: True ρ.
+        f_o: f̂_o, rad/s².
+        g_o: ĝ_o, 1/(kg m²).
+        u: Torque as told to the drive, Nm.
+        corr: Identifier correction δ̂_o sgn(e_2o) E + l_2 e_2o, rad/s².
+
+    Source: [zhao2017] eq. (27).
+    """
+    return f_o + g_o * rho * u + corr
+
+
+@njit(**_CACHE)
+def copy_rates(
     rho: float,
+    x2fo: float,
+    e1f: float,
     e2f: float,
     f_o: float,
     g_o: float,
     u: float,
-    corr: float,
+    corr1: float,
+    corr2: float,
+    l1f: float,
     l2f: float,
-    gamma_rho: float,
 ) -> tuple[float, float]:
-    """Right-hand sides of the second line of (28), rad/s², and of (29), 1/s.
+    """x̂̇_1fo, rad/s, and x̂̇_2fo, rad/s².
 
     Args:
         rho: ρ̂.
-        e2f: e_2f = x_2 - x̂_2fo, rad/s.
+        x2fo: x̂_2fo, rad/s.
+        e1f: e_1f, rad.
+        e2f: e_2f, rad/s.
         f_o: f̂_o, rad/s².
         g_o: ĝ_o, 1/(kg m²).
-        u: Torque as applied, Nm.
-        corr: Identifier correction δ̂_o sgn(e_2o) E + l_2 e_2o, or 0 to leave it out, rad/s².
+        u: Torque as told to the drive, Nm.
+        corr1: l_1 e_1o of the identifier, or 0 to leave it out, rad/s.
+        corr2: δ̂_o sgn(e_2o) E + l_2 e_2o of the identifier, or 0 to leave it out, rad/s².
+        l1f: l_1f ≥ ½, 1/s.
         l2f: l_2f ≥ ½, 1/s.
-        gamma_rho: Γ_ρ.
 
-    Source: [zhao2017] eq. (28), (29).
+    Source: [zhao2017] eq. (28).
     """
-    return f_o + g_o * rho * u + corr + l2f * e2f, gamma_rho * e2f * g_o * u
+    return x2fo + corr1 + l1f * e1f, f_o + g_o * rho * u + corr2 + l2f * e2f
+
+
+@njit(**_CACHE)
+def rho_rate(e2f: float, g_o: float, u: float, gamma_rho: float) -> float:
+    """ρ̂̇ = Γ_ρ e_2f ĝ_o u, 1/s.
+
+    Source: [zhao2017] eq. (29).
+    """
+    return gamma_rho * e2f * g_o * u

@@ -108,7 +108,8 @@ NUMBERS: Final[tuple[Setting, ...]] = (
     Setting("rho_clear", 0.95, 0.95, "1", "ρ̂ from which a loss is taken to have ended", 0.0, 1.0),
     Setting("clear_s", 0.5, 0.5, "s", "time that ρ̂ must stay there"),
     # gain
-    Setting("rho_min", 0.15, 0.15, "1", "least ρ̂ in the gain (33)", 0.01, 1.0),
+    Setting("rho_min", 0.15, 0.01, "1", "least ρ̂ in the gain (33)", 0.01, 1.0),
+    Setting("rho_max", 1.0, INF, "1", "largest ρ̂ in the gain (33)", 1.0),
     Setting("gain_rate", 20.0, INF, "1/s", "largest slope of the gain"),
 )
 CHOICES: Final[tuple[Setting, ...]] = (

@@ -9,7 +9,7 @@ from dftc_rt.control import gain
 
 @pytest.mark.parametrize(("rho", "expected"), [(0.5, 2.0), (1.0, 1.0), (1.2, 1.0), (0.01, 4.0)])
 def test_target_is_equation_33_on_a_clipped_estimate(rho: float, expected: float) -> None:
-    assert gain.target(rho, 0.25) == pytest.approx(expected)
+    assert gain.target(rho, 0.25, 1.0) == pytest.approx(expected)
 
 
 def test_gain_moves_at_a_bounded_rate() -> None:
@@ -27,3 +27,7 @@ def test_command_is_saturated_and_a_whole_number_of_steps() -> None:
     assert gain.command(1.26, 1.0, 0, 0.0, 3.05) == 1.26
     assert gain.command(9.0, 1.0, 0, 0.0, 3.05) == 3.05
     assert abs(gain.command(1e300, 1.0, 30, 0.1, 3.05)) <= 3.05
+
+
+def test_the_printed_gain_is_not_clipped_at_one() -> None:
+    assert gain.target(1.25, 0.01, math.inf) == pytest.approx(0.8)

@@ -82,9 +82,16 @@ def test_gradient_is_equation_29_in_momentum_coordinates() -> None:
 
 def test_printed_rates_are_equations_28_and_29() -> None:
     rho, e2f, f, g, u, corr, l2f, gamma = 0.8, 0.1, -1.0, 0.5, 3.0, 0.7, 30.0, 2000.0
-    rate, rho_rate = observer.printed_rates(rho, e2f, f, g, u, corr, l2f, gamma)
-    assert rate == pytest.approx(f + g * rho * u + corr + l2f * e2f)
-    assert rho_rate == pytest.approx(gamma * e2f * g * u)
+    rates = observer.copy_rates(rho, 0.4, 0.2, e2f, f, g, u, 0.6, corr, 20.0, l2f)
+    assert rates == pytest.approx((0.4 + 0.6 + 20.0 * 0.2, f + g * rho * u + corr + l2f * e2f))
+    assert observer.rho_rate(e2f, g, u, gamma) == pytest.approx(gamma * e2f * g * u)
+
+
+def test_the_identified_system_of_27_differs_from_the_observer_in_rho_alone() -> None:
+    f, g, u, corr = -1.0, 0.5, 3.0, 0.7
+    _, copied = observer.copy_rates(0.8, 0.4, 0.0, 0.0, f, g, u, 0.0, corr, 20.0, 30.0)
+    assert observer.faulty_rate(0.8, f, g, u, corr) == pytest.approx(copied)
+    assert observer.faulty_rate(0.5, f, g, u, corr) == pytest.approx(copied - 0.3 * g * u)
 
 
 def test_identifier_terms_inside_the_observer_absorb_the_fault() -> None:
@@ -97,9 +104,10 @@ def test_identifier_terms_inside_the_observer_absorb_the_fault() -> None:
             u = 3.0 * np.sin(3.0 * k * h) + 4.0
             f = -2.0 * v
             corr = 100.0 * (v - x2o)
-            rate, drho = observer.printed_rates(
-                rho, v - x2f, f, 1.0, u, corr if corrected else 0.0, 30.0, 50.0
+            _, rate = observer.copy_rates(
+                rho, x2f, 0.0, v - x2f, f, 1.0, u, 0.0, corr if corrected else 0.0, 30.0, 30.0
             )
+            drho = observer.rho_rate(v - x2f, 1.0, u, 50.0)
             x2o += h * (f + u + corr)
             x2f += h * rate
             rho += h * drho
