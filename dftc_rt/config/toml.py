@@ -46,7 +46,7 @@ def read(path: str | Path) -> dict[str, Any]:
     """
     path = Path(path)
     try:
-        text = path.read_bytes().decode("utf-8")
+        text = path.read_bytes().decode("utf-8-sig")  # editors on Windows put a BOM first
     except FileNotFoundError:
         raise MissingFileError(str(path), "no such file", "a TOML file") from None
     except (OSError, ValueError) as error:  # a directory, no permission; not UTF-8, NUL in path
@@ -178,12 +178,14 @@ def _explain(error: msgspec.ValidationError, raw: Any, type_: Any, where: str) -
     value, expected_type = _descend(raw, type_, path)
     if match := _UNKNOWN_FIELD.match(text):
         key = match["key"]
-        known = _keys(expected_type)
+        known = _keys(expected_type, value)
         near = difflib.get_close_matches(key, known, n=1)
         expected = f"'{near[0]}'" if near else ("one of " + ", ".join(known) if known else "")
         return InputError(f"{where}: {_join(path, key)}", "unknown key", expected)
     if match := _MISSING_FIELD.match(text):
-        return InputError(f"{where}: {_join(path, match['key'])}", "missing", "this key")
+        choices = _choices(_field_types(expected_type, value).get(match["key"]))
+        expected = "one of " + ", ".join(choices) if choices else "this key"
+        return InputError(f"{where}: {_join(path, match['key'])}", "missing", expected)
     full = f"{where}: {path}" if path else where
     match = _EXPECTED.match(text)
     if "[...]" in location or value is _NOTHING:
@@ -191,9 +193,10 @@ def _explain(error: msgspec.ValidationError, raw: Any, type_: Any, where: str) -
             return InputError(full, _one_line(text))
         return InputError(full, f"found {_words(match['got'])}", _words(match["type"]))
     found = f"found {_shown(value)}"
-    if match is not None:
+    choices = _choices(expected_type)
+    if match is not None and not (choices and match["type"] == "str"):
         return InputError(full, found, f"{_words(match['type'])}{match['bound'] or ''}")
-    if choices := _choices(expected_type):
+    if choices:
         number = " or a number" if _has_number(expected_type) else ""
         return InputError(full, found, "one of " + ", ".join(choices) + number)
     return InputError(full, found if isinstance(value, str) else _one_line(text))
@@ -225,31 +228,43 @@ def _descend(raw: Any, type_: Any, path: str) -> tuple[Any, Any]:
     """Value and type at a key path; a value of ``_NOTHING`` or a type of None: not to be had."""
     for name, index in _STEP.findall(path):
         if name:
+            type_ = _field_types(type_, raw).get(name)
             raw = raw.get(name, _NOTHING) if isinstance(raw, dict) else _NOTHING
-            struct = _struct_in(type_)
-            fields = (
-                {}
-                if struct is None
-                else {field.encode_name: field.type for field in msgspec.structs.fields(struct)}
-            )
-            type_ = fields.get(name)
         else:
             inside = isinstance(raw, list) and int(index) < len(raw)
             raw = raw[int(index)] if inside else _NOTHING
     return raw, type_
 
 
-def _keys(type_: Any) -> list[str]:
-    struct = _struct_in(type_)
-    return [] if struct is None else [f.encode_name for f in msgspec.structs.fields(struct)]
+def _keys(type_: Any, raw: Any) -> list[str]:
+    return list(_field_types(type_, raw))
 
 
-def _struct_in(type_: Any) -> Any:
-    """The one struct type inside ``X``, ``X | None``, ``tuple[X, ...]`` or ``list[X]``."""
+def _field_types(type_: Any, raw: Any) -> dict[str, Any]:
+    """Key -> type of the table that ``raw`` is meant to be.
+
+    Of several tables that a tag tells apart, that is the one whose tag ``raw`` has; the tag
+    itself is a choice of their tags.
+    """
+    structs = _structs_in(type_)
+    tags: dict[str, Any] = {s.__struct_config__.tag: s for s in structs}
+    tag_field = structs[0].__struct_config__.tag_field if structs else None
+    chosen = structs[0] if len(structs) == 1 else None
+    types: dict[str, Any] = {}
+    if tag_field is not None:
+        types[tag_field] = typing.Literal[tuple(tags)]
+        tag = raw.get(tag_field) if isinstance(raw, dict) else None
+        chosen = tags.get(tag) if isinstance(tag, str) else chosen
+    if chosen is not None:
+        types |= {field.encode_name: field.type for field in msgspec.structs.fields(chosen)}
+    return types
+
+
+def _structs_in(type_: Any) -> list[Any]:
+    """The struct types inside ``X``, ``X | Y | None``, ``tuple[X, ...]`` or ``list[X]``."""
     if isinstance(type_, type) and issubclass(type_, msgspec.Struct):
-        return type_
-    found = [s for arg in typing.get_args(type_) if (s := _struct_in(arg)) is not None]
-    return found[0] if len(found) == 1 else None
+        return [type_]
+    return [struct for arg in typing.get_args(type_) for struct in _structs_in(arg)]
 
 
 def _choices(type_: Any) -> list[str]:

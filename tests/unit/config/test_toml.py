@@ -22,9 +22,24 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     free: dict[str, float] = {}
 
 
+class Shape(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", kw_only=True
+):
+    joint: str
+
+
+class Step(Shape, frozen=True, tag="step", kw_only=True):
+    to: Annotated[float, msgspec.Meta(ge=0, le=1)]
+
+
+class Wave(Shape, frozen=True, tag="wave", kw_only=True):
+    period_s: float = 1.0
+
+
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     name: str
     table: Table | None = None
+    shape: tuple[Step | Wave, ...] = ()
 
 
 def refused(raw: dict[str, Any]) -> str:
@@ -69,6 +84,31 @@ def test_a_file_becomes_a_struct(tmp_path):
 )  # fmt: skip
 def test_what_is_wrong_is_named_with_its_path(raw, message):
     assert refused(raw) == message
+
+
+@pytest.mark.parametrize(
+    ("shape", "message"),
+    [
+        ({"kind": "stp"}, "shape[0].kind: found 'stp' (expected one of step, wave)"),
+        ({"kind": 3}, "shape[0].kind: found 3 (expected one of step, wave)"),
+        ({"joint": "a"}, "shape[0].kind: missing (expected one of step, wave)"),
+        ({"kind": "wave", "joint": "a", "to": 1.0},
+         "shape[0].to: unknown key (expected one of kind, joint, period_s)"),
+        ({"kind": "wave", "joint": "a", "periods": 1.0},
+         "shape[0].periods: unknown key (expected 'period_s')"),
+        ({"kind": "step", "joint": "a", "to": 2},
+         "shape[0].to: found 2 (expected a number <= 1.0)"),
+        ({"kind": "step", "joint": "a"}, "shape[0].to: missing (expected this key)"),
+    ],
+)  # fmt: skip
+def test_one_of_several_tables_lists_its_choices(shape, message):
+    assert refused({"name": "a", "shape": [shape]}) == f"f.toml: {message}"
+
+
+def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path):
+    path = tmp_path / "f.toml"
+    path.write_bytes(b"\xef\xbb\xbfname = 'a'\n")
+    assert toml.read(path) == {"name": "a"}
 
 
 @pytest.mark.parametrize(
