@@ -18,6 +18,7 @@ from dftc_rt.analysis import faults as fault_windows
 from dftc_rt.analysis.faults import ACTUATOR_KINDS, GRACE_S, RESTLESS_KINDS, FaultSpec, Mask
 from dftc_rt.analysis.timing import percentiles_us, period_s
 from dftc_rt.control.signals import ACTUATOR_LOSS, HEALTHY, NOT_OBSERVABLE
+from dftc_rt.log.ending import ending_of
 from dftc_rt.log.run import Run
 
 F64 = NDArray[np.float64]
@@ -26,6 +27,7 @@ RUNNING_STATES: Final = (3.0, 4.0)  # run, degraded: as logged in /cycle
 SAFE_STOP_STATE: Final = 5.0
 FAULT_STATE: Final = 6.0
 FINISH_STATE: Final = 7.0
+ERROR_SEVERITY: Final = 3  # as logged in /events
 SETTLE_BAND: Final = 0.05
 AT_LIMIT: Final = 0.995  # of the torque limit; drives quantise to 0.1 % of rated torque
 
@@ -54,32 +56,40 @@ def evaluate(
         run: The run.
         twin: The same scenario and seed without faults.
         faults: The faults of the run; None takes them from its scenario.
-        overruns: As the executor counted them; None derives them from the records.
-        end_state: As the executor told it; None derives it from the records.
+        overruns: As the executor counted them; None takes them from its last event, or,
+            in a log that is cut off, derives them from the records.
+        end_state: As the executor told it; None finds it in the same way.
         extra: Further keys of the result, e.g. of the buses.
 
     Raises:
         LogError: The run's scenario cannot be read.
     """
     scenario = fault_windows.scenario_of(run)
-    given = fault_windows.faults_of(scenario) if faults is None else tuple(faults)
-    given = fault_windows.with_onsets(given, run)
+    told = fault_windows.faults_of(scenario) if faults is None else tuple(faults)
+    given = fault_windows.with_onsets(told, run)
+    begins = [fault.start_s for fault in told]
     robot, control = scenario.get("robot", {}), scenario.get("control", {})
     cycle, period = run.cycle, period_s(run.cycle["t"])
     running = running_mask(run)
+    ending = ending_of(run.events)
+    if ending is not None:
+        overruns = ending.overruns if overruns is None else overruns
+        end_state = ending.end_state if end_state is None else end_state
+    end_state = _end_state(run) if end_state is None else end_state
     result: dict[str, Any] = {
         "robot": robot.get("name") or robot.get("urdf") or robot.get("plant"),
         "law": control.get("law"),
         "ftc": control.get("ftc"),
         "duration_s": float(np.count_nonzero(running) and np.ptp(cycle["t"][running]) + period),
-        "cycles": len(cycle["t"]),
+        "cycles": len(cycle["t"]) if ending is None else ending.cycles,
         "overruns": _overruns(run, period) if overruns is None else overruns,
         "lateness_us": percentiles_us(cycle["lateness"]),
         "compute_us": percentiles_us(cycle["compute"]),
         "exchange_us": percentiles_us(cycle["exchange"]),
-        "end_state": _end_state(run) if end_state is None else end_state,
+        "end_state": end_state,
+        "reason": _reason(run, end_state) if ending is None else ending.reason,
         "faults": [asdict(fault) for fault in given],
-        "joints": {joint: _joint(run, twin, given, joint, period) for joint in run.joints},
+        "joints": {joint: _joint(run, twin, given, begins, joint, period) for joint in run.joints},
     }
     clean: dict[str, Any] = _clean(result | dict(extra or {}))
     return clean
@@ -96,7 +106,12 @@ def tracking_error(run: Run) -> F64:
 
 
 def _joint(
-    run: Run, twin: Run | None, faults: Sequence[FaultSpec], joint: str, period: float
+    run: Run,
+    twin: Run | None,
+    faults: Sequence[FaultSpec],
+    begins: Sequence[float],
+    joint: str,
+    period: float,
 ) -> dict[str, Any]:
     i = run.joints.index(joint)
     t, running = run.cycle["t"], running_mask(run)
@@ -104,6 +119,7 @@ def _joint(
     window = running & fault_windows.fault_window(t, faults, joint)
     after = running & fault_windows.fault_window(t, faults, joint, skip_s=0.0)
     own = [fault for fault in faults if fault.joint == joint]
+    begun = [pair for pair in zip(faults, begins, strict=True) if pair[0].joint == joint]
     torque = run.cycle["tau_cmd"][running, i]
     verdict = np.where(running, run.cycle["verdict"][:, i], HEALTHY)
     alarms, alarm_s = _false_alarms(t, verdict, own, period)
@@ -117,8 +133,8 @@ def _joint(
         np.max(np.abs(error[after]), initial=0.0) * 1e3 if after.any() else None,
         _rms(rho_error[window]),
         _settle(t, rho_error, None if rho is None else rho[:, i], running, own),
-        _delay(t, ~np.isin(verdict, (HEALTHY, NOT_OBSERVABLE)), own),
-        _delay(t, verdict == ACTUATOR_LOSS, [f for f in own if f.kind in ACTUATOR_KINDS]),
+        _delay(t, ~np.isin(verdict, (HEALTHY, NOT_OBSERVABLE)), begun),
+        _delay(t, verdict == ACTUATOR_LOSS, [p for p in begun if p[0].kind in ACTUATOR_KINDS]),
         alarms,
         alarm_s,
         _rms(torque),
@@ -152,12 +168,18 @@ def _settle(
     return float(t[span][off[-1]] - own[0].start_s)
 
 
-def _delay(t: F64, raised: Mask, own: Sequence[FaultSpec]) -> float | None:
-    """From the start of the joint's first fault to the first time ``raised`` holds in it."""
-    if not own:
+def _delay(t: F64, raised: Mask, begun: Sequence[tuple[FaultSpec, float]]) -> float | None:
+    """From the start of the joint's first fault to the first time ``raised`` rises in it.
+
+    What was already raised when the fault began has not detected it: it must clear first.
+    A ramp begins before the onset from which its delay counts.
+    """
+    if not begun:
         return None
-    hits = t[raised & fault_windows.within(t, [(own[0].start_s, own[0].end_s)])]
-    return max(0.0, float(hits[0] - own[0].start_s)) if len(hits) else None
+    fault, begins = begun[0]
+    before = np.concatenate(([False], raised[:-1]))
+    hits = t[raised & ~before & fault_windows.within(t, [(begins, fault.end_s)])]
+    return max(0.0, float(hits[0] - fault.start_s)) if len(hits) else None
 
 
 def _false_alarms(
@@ -172,7 +194,10 @@ def _false_alarms(
 
 
 def _overruns(run: Run, period: float) -> int:
-    """Cycles that were still at work when the next tick came; in lock-step none can be."""
+    """Cycles that were still at work when the next tick came; in lock-step none can be.
+
+    By what the cycles took; a few less than the executor counts (:mod:`dftc_rt.log.ending`).
+    """
     if not run.cycle["lateness"].any():
         return 0
     busy = run.cycle["lateness"] + run.cycle["compute"] + run.cycle["exchange"]
@@ -184,12 +209,27 @@ def _end_state(run: Run) -> str:
     states = set(run.cycle["state"].tolist())
     if any("stop requested by the operator" in event.text for event in run.events):
         return "interrupted"
-    stopped = any(event.text.startswith(("safe stop", "quick stop")) for event in run.events)
-    if SAFE_STOP_STATE in states or stopped:
+    if SAFE_STOP_STATE in states or _stops(run):
         return "safe stop"
     if FINISH_STATE in states:
         return "done"
     return "safe stop" if FAULT_STATE in states else "cut off"
+
+
+def _reason(run: Run, end_state: str) -> str:
+    """Why it ended so, from its events; "" when it went to its end, or none tells."""
+    if end_state == "done":
+        return ""
+    if stops := _stops(run):
+        return stops[0]
+    errors = [event.text for event in run.events if event.severity >= ERROR_SEVERITY]
+    return errors[-1] if errors else ""
+
+
+def _stops(run: Run) -> list[str]:
+    """What stopped the run, in order; the first is the reason, later ones follow from it."""
+    texts = (event.text.partition("stop: ") for event in run.events)
+    return [reason for kind, _, reason in texts if kind in ("safe ", "quick ")]
 
 
 def _rms(values: F64) -> float:

@@ -32,6 +32,8 @@ def verdict(metrics: Mapping[str, Any]) -> str:
         metrics: As :func:`dftc_rt.analysis.metrics.evaluate` returns them.
     """
     end = _END.get(metrics["end_state"], f"ended: {metrics['end_state']}")
+    if metrics["reason"] and metrics["end_state"] != "interrupted":
+        end += f" ({metrics['reason']})"
     told = [_told(fault, metrics["joints"][fault["joint"]]) for fault in _begun(metrics)]
     alarms = sum(joint["false_alarms"] for joint in metrics["joints"].values())
     if not told:
@@ -49,6 +51,7 @@ _END: Final = {
     "done": "went to its end",
     "interrupted": "was interrupted",
     "safe stop": "ended in a safe stop",
+    "failed": "failed",
     "cut off": "is cut off: its log ends while the controller was at work",
 }
 
@@ -90,12 +93,17 @@ def shown_columns(metrics: Mapping[str, Any]) -> list[tuple[str, str, str]]:
 
 
 def timing_line(metrics: Mapping[str, Any]) -> str:
-    """Cycles, overruns and the percentiles of what a cycle took."""
-    texts = [f"{metrics['cycles']} cycles, {metrics['overruns']} overruns"]
+    """Cycles, overruns and the percentiles of what a cycle took.
+
+    In lock-step no tick is ever late, and lateness and overruns mean nothing.
+    """
+    lockstep = metrics["lateness_us"]["max"] == 0.0
+    rest = "in lock-step" if lockstep else f"{metrics['overruns']} overruns"
+    texts = [f"{metrics['cycles']} cycles{' ' if lockstep else ', '}{rest}"]
     for key, name in (("lateness_us", "lateness"), ("compute_us", "update"),
                       ("exchange_us", "exchange")):  # fmt: skip
         values = metrics[key]
-        if values["max"] is not None:
+        if values["max"] is not None and not (lockstep and key == "lateness_us"):
             numbers = " / ".join(f"{values[p]:.0f}" for p in ("p50", "p99", "p999", "max"))
             texts.append(f"{name} {numbers}")
     return "; ".join(texts) + (" µs (p50 / p99 / p99.9 / max)" if len(texts) > 1 else "")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.metadata
 import platform
 import sys
@@ -22,6 +23,7 @@ from dftc_rt.control import signals
 from dftc_rt.controller import Parts, prepare
 from dftc_rt.dynamics.frames import LinkFrames
 from dftc_rt.dynamics.robot import Robot, load_robot
+from dftc_rt.log.ending import ending_text
 from dftc_rt.log.recorder import Recorder
 from dftc_rt.log.run import Run
 from dftc_rt.log.schema import Layout, cycle_layout, rig_layout
@@ -87,7 +89,13 @@ def open_session(scenario: str | Path, settings: Sequence[str] = ()) -> Session:
     """
     loaded = load_scenario(scenario, settings, SCENARIOS)
     table = loaded.scenario.robot
-    robot = load_robot(name=table.name, urdf=table.urdf, lock=table.lock, home_rad=table.home_rad)
+    robot = load_robot(
+        name=table.name,
+        urdf=table.urdf,
+        plant=table.plant,
+        lock=table.lock,
+        home_rad=table.home_rad,
+    )
     check_rig(loaded.scenario, robot)
     parts = prepare(loaded.scenario, robot)
     return Session(
@@ -122,6 +130,11 @@ def summarise(run: Run, outcome: Outcome, **facts: Any) -> dict[str, Any]:
         "reason": outcome.reason,
         **facts,
     }
+
+
+def ending(outcome: Outcome) -> str:
+    """Return the text of the run's last event."""
+    return ending_text(outcome.end_state, outcome.reason, dataclasses.asdict(outcome.counters))
 
 
 def exit_code(end_state: str) -> int:

@@ -21,12 +21,13 @@ from dftc_rt.cli import session
 from dftc_rt.cli.processes.child import STOP_SIGNALS
 from dftc_rt.cli.session import Session
 from dftc_rt.controller import connect
+from dftc_rt.log.ending import SOURCE
 from dftc_rt.log.recorder import Recorder
 from dftc_rt.log.run import Run
 from dftc_rt.memory import MemorySink
 from dftc_rt.ring import Event
 from dftc_rt.rt.clock import LockstepClock
-from dftc_rt.rt.executor import Outcome
+from dftc_rt.rt.executor import INFO, Outcome
 from hil.simulate import in_process_rig
 
 _DRAIN_EVERY = 512
@@ -134,6 +135,7 @@ def run_simulation(
             stop_requested,
         )  # fmt: skip
         outcome = executor.run()
+    event(executor.t, INFO, SOURCE, session.ending(outcome))
     for each in (cycles, truth):
         if isinstance(each, _DrainingSink):
             each.flush()

@@ -17,6 +17,7 @@ from typing import Any
 
 from dftc_rt.cli.processes.child import STOP_SIGNALS, Child, Flags
 from dftc_rt.cli.processes.roles import Rings
+from dftc_rt.rt.executor import ERROR
 
 _LOOK_S = 0.05
 _END_PATIENCE_S = 5.0
@@ -117,6 +118,8 @@ class Launcher:
                     self._trouble("dftc-controller did not stop when asked; it was killed")
                     controller.kill()
             self._ended.controller = controller.report
+            if "error" in controller.report:  # it could not log this itself
+                self._log_error(controller.report["error"])
             if self._flags.running:
                 time.sleep(self._crash_s)
             self._rings.cycle.end()
@@ -156,8 +159,10 @@ class Launcher:
 
     def _trouble(self, text: str) -> None:
         self._ended.trouble.append(text)
-        ring = self._rings.events[2]
-        ring.write(self._now(), 3, "launcher", text)
+        self._log_error(text)
+
+    def _log_error(self, text: str) -> None:
+        self._rings.events[2].write(self._now(), ERROR, "launcher", text)
 
     def _now(self) -> float:
         newest = self._rings.cycle.latest()

@@ -10,12 +10,14 @@ from typing import Any
 
 from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.cli.processes.child import Flags, on_sigterm
-from dftc_rt.cli.session import Session
+from dftc_rt.cli.session import Session, ending
 from dftc_rt.controller import connect
 from dftc_rt.errors import BusError
+from dftc_rt.log.ending import SOURCE
 from dftc_rt.log.process import record
 from dftc_rt.ring import EventRing, Ring
 from dftc_rt.rt.clock import Clock, LockstepClock, RealClock
+from dftc_rt.rt.executor import ERROR, INFO
 from dftc_rt.rt.process import RealTime, last_core
 from hil.bus.port import BusPort
 from hil.loop import run_lockstep, run_wall
@@ -101,7 +103,8 @@ def controller(
         except BusError as error:
             outcome = executor.outcome
             outcome.end_state, outcome.reason = "safe stop", f"bus lost: {error}"
-            events.write(executor.t, 3, "controller", outcome.reason)
+            events.write(executor.t, ERROR, SOURCE, f"safe stop: {outcome.reason}")
+        events.write(executor.t, INFO, SOURCE, ending(outcome))
     finally:
         flags.running = False
         rings.cycle.end()

@@ -11,12 +11,14 @@ import pytest
 
 from dftc_rt.analysis.faults import FaultSpec
 from dftc_rt.analysis.metrics import RUNNING_STATES, evaluate
+from dftc_rt.log.ending import ending_text
 from dftc_rt.log.run import Run
 from dftc_rt.ring import Event
 from dftc_rt.rt.supervisor import State
 
 from .conftest import Maker
 
+COUNTS = {"cycles": 1001, "overruns": 4, "skipped": 3, "missed": 2, "refused": 1}
 LOSS = FaultSpec("a", "loss", 4.0, 8.0, 0.6)
 
 
@@ -39,7 +41,7 @@ def test_keys_are_the_contracts(make: Maker) -> None:
     found = evaluate(make())
     assert list(found) == [
         "robot", "law", "ftc", "duration_s", "cycles", "overruns", "lateness_us", "compute_us",
-        "exchange_us", "end_state", "faults", "joints",
+        "exchange_us", "end_state", "reason", "faults", "joints",
     ]  # fmt: skip
     assert list(found["lateness_us"]) == ["p50", "p99", "p999", "max"]
     assert list(found["joints"]) == ["a", "b"]
@@ -56,12 +58,12 @@ def test_scenario_names_the_run(make: Maker) -> None:
         '[robot]\nname = "panda"\n[control]\nlaw = "dftc"\nftc = false\n'
         '[[fault]]\njoint = "a"\nkind = "loss"\nstart_s = 4.0\neffectiveness = 0.6\n'
     )
-    found = evaluate(make(text), extra={"reason": "", "worst": math.nan})
+    found = evaluate(make(text), extra={"reason": "none", "worst": math.nan})
     assert (found["robot"], found["law"], found["ftc"]) == ("panda", "dftc", False)
     assert found["faults"] == [
         {"joint": "a", "kind": "loss", "start_s": 4.0, "end_s": 1e9, "effectiveness": 0.6}
     ]
-    assert (found["reason"], found["worst"]) == ("", None)
+    assert (found["reason"], found["worst"]) == ("none", None)
 
 
 def test_windows_of_the_tracking_error(make: Maker) -> None:
@@ -212,6 +214,40 @@ def test_delays_of_the_verdicts(make: Maker) -> None:
     assert joint(run, "b", LOSS)["detection_delay_s"] is None
 
 
+def test_what_was_up_before_the_fault_has_not_detected_it(make: Maker) -> None:
+    run = make()
+    verdict = run.cycle["verdict"]
+    verdict[between(run, 3.0, 8.0), 0] = 1.0  # a false alarm that stays
+    found = joint(run, "a", LOSS)
+    assert (found["anomaly_delay_s"], found["detection_delay_s"]) == (None, None)
+    assert found["false_alarms"] == 1
+    verdict[between(run, 4.2, 4.5), 0] = 0.0  # it clears, and rises again
+    found = joint(run, "a", LOSS)
+    assert found["anomaly_delay_s"] == pytest.approx(0.5)
+    assert found["detection_delay_s"] == pytest.approx(0.5)
+    verdict[:] = 0.0
+    verdict[between(run, 4.0, 8.0), 0] = 1.0  # in the fault's first cycle
+    assert joint(run, "a", LOSS)["detection_delay_s"] == 0.0
+
+
+def test_an_anomaly_that_becomes_a_loss_is_detected_then(make: Maker) -> None:
+    run = make()
+    run.cycle["verdict"][between(run, 3.0, 4.3), 0] = 7.0
+    run.cycle["verdict"][between(run, 4.3, 8.0), 0] = 1.0
+    found = joint(run, "a", LOSS)
+    assert found["anomaly_delay_s"] is None
+    assert found["detection_delay_s"] == pytest.approx(0.3)
+
+
+def test_a_ramp_seen_before_its_onset_is_seen_at_once(make: Maker) -> None:
+    run = make()
+    assert run.rig is not None
+    run.rig["rho"][:, 0] = np.clip(1 - 0.1 * (run.rig["t"] - 3.0), 0.5, 1.0)  # 0.95 at 3.5 s
+    run.cycle["verdict"][between(run, 3.2, 10), 0] = 1.0
+    found = joint(run, "a", FaultSpec("a", "ramp", 3.0, 1e9, 0.5))
+    assert found["detection_delay_s"] == 0.0
+
+
 def test_a_fault_seen_after_its_end_was_not_detected(make: Maker) -> None:
     run = make()
     run.cycle["verdict"][between(run, 8.2, 8.5), 0] = 1.0
@@ -304,6 +340,39 @@ def test_how_the_run_ended(
     run.cycle["state"][-len(states) :] = states
     assert evaluate(run)["end_state"] == end
     assert evaluate(run, end_state="done")["end_state"] == "done"
+
+
+@pytest.mark.parametrize(
+    ("events", "end_state", "reason"),
+    [
+        ((Event(8.0, 3, "controller", "safe stop: a: too far"),
+          Event(8.3, 3, "controller", "quick stop: a: no feedback")), "safe stop", "a: too far"),
+        ((Event(0.1, 3, "controller", "quick stop: a: drive fault"),), "safe stop",
+         "a: drive fault"),
+        ((Event(9.9, 3, "launcher", "dftc-controller was killed (SIGKILL)"),), "cut off",
+         "dftc-controller was killed (SIGKILL)"),
+        ((Event(9.9, 2, "can0", "frame lost"),), "cut off", ""),
+        ((Event(9.9, 3, "rig", "no matter"),
+          Event(9.9, 1, "controller", ending_text("done", "", COUNTS))), "done", ""),
+        ((Event(9.9, 1, "controller", ending_text("safe stop", "a: too; far", COUNTS)),),
+         "safe stop", "a: too; far"),
+    ],
+)  # fmt: skip
+def test_why_the_run_ended(
+    make: Maker, events: tuple[Event, ...], end_state: str, reason: str
+) -> None:
+    found = evaluate(make(events=events))
+    assert (found["end_state"], found["reason"]) == (end_state, reason)
+
+
+def test_the_executors_own_counts_come_first(make: Maker) -> None:
+    run = make(events=(Event(9.9, 1, "controller", ending_text("done", "", COUNTS)),))
+    run.cycle["lateness"][:] = 1e-4
+    found = evaluate(run)
+    assert (found["cycles"], found["overruns"]) == (1001, 4)
+    assert evaluate(run, overruns=5)["overruns"] == 5
+    elsewhere = make(events=(Event(9.9, 1, "rig", ending_text("done", "", COUNTS)),))
+    assert evaluate(elsewhere)["cycles"] == 1000
 
 
 def test_an_empty_run_has_no_numbers(make: Maker) -> None:

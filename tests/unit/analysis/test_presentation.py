@@ -79,6 +79,22 @@ def test_table_has_a_row_per_joint_and_fits_80_columns(run: Run) -> None:
     assert "…" not in text
 
 
+def test_sentence_says_why_it_stopped(make: Maker) -> None:
+    stop = Event(9.9, 3, "controller", "safe stop: b: tracking error over 0.5 rad")
+    run = make(events=(stop,))
+    told = "The run ended in a safe stop (b: tracking error over 0.5 rad): no joint had a fault"
+    assert summary.verdict(evaluate(run)).startswith(told)
+
+
+def test_in_lock_step_nothing_is_late(run: Run) -> None:
+    run.cycle["lateness"][:] = 0.0
+    run.cycle["compute"][:] = 5e-5
+    text = printed(evaluate(run))
+    assert "1000 cycles in lock-step; update 50 / 50 / 50 / 50" in text
+    assert "lateness" not in text
+    assert "overruns" not in text
+
+
 class Page(HTMLParser):
     """Collects what a browser would show and fetch."""
 

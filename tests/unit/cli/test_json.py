@@ -13,7 +13,7 @@ from dftc_rt.cli.main import run
 # docs/contract.md, "Metrics".
 RUN_KEYS = {
     "robot", "law", "ftc", "duration_s", "cycles", "overruns", "lateness_us", "compute_us",
-    "exchange_us", "end_state", "joints",
+    "exchange_us", "end_state", "reason", "joints",
 }  # fmt: skip
 QUANTILES = {"p50", "p99", "p999", "max"}
 JOINT_KEYS = {
@@ -50,8 +50,24 @@ def test_simulate_then_analyze(capfd: pytest.CaptureFixture[str], tmp_path: Path
     analysed = answer(capfd, "analyze", log)
     metrics_of_a_run(analysed, 6)
     assert analysed["joints"] == simulated["joints"]
-    assert analysed["end_state"] == "done"
+    told = ("end_state", "reason", "cycles", "overruns")
+    assert [analysed[key] for key in told] == [simulated[key] for key in told]
+    assert (analysed["end_state"], analysed["reason"]) == ("done", "")
     assert analysed["joints"]["elbow_joint"]["rmse_faulty_mrad"] > 0
+
+
+def test_analyze_says_why_a_run_stopped(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    log, limit = tmp_path / "run.mcap", "supervisor.tracking_error_rad=0.00002"
+    command = ["simulate", "ur5_elbow_loss", "--log", str(log), "--set", limit]
+    assert run([*command, "--set", "duration_s=2"]) == 1
+    line = capfd.readouterr().err.strip()
+    found = answer(capfd, "analyze", log)
+    assert found["end_state"] == "safe stop"
+    assert "tracking error over 2e-05 rad" in found["reason"]
+    assert line == f"dftc: safe stop: {found['reason']}"
+    assert run(["analyze", str(log)]) == 0
+    out = " ".join(capfd.readouterr().out.split())
+    assert f"ended in a safe stop ({found['reason']})" in out
 
 
 def test_simulate_without_a_log_says_so(capfd: pytest.CaptureFixture[str]) -> None:
