@@ -19,10 +19,10 @@ from dftc_rt.control.interface import Law
 from dftc_rt.drives.interface import DriveSetup, SetUp, profile
 from dftc_rt.drives.scale import TORQUE_PER_COUNT, ScaleTable
 from dftc_rt.drives.wiring import bus_members, bus_names, drive_configs, joint_scales
-from dftc_rt.dynamics.local_terms import LocalTerms
+from dftc_rt.dynamics.interface import JointTerms
 from dftc_rt.dynamics.model import Robot
-from dftc_rt.dynamics.tabulated import TabulatedTerms
-from dftc_rt.dynamics.whole_body import WholeBody
+from dftc_rt.dynamics.select import local_terms, whole_body
+from dftc_rt.dynamics.tabulated import TabulatedTerms, refuse_closed_form
 from dftc_rt.errors import InputError
 from dftc_rt.reference import Reference, stop_ramp
 from dftc_rt.rt.clock import Clock, FakeClock
@@ -51,7 +51,7 @@ class Parts:
     robot: Robot
     law: Law
     reference: Reference
-    terms: LocalTerms
+    terms: JointTerms
     scales: ScaleTable
     torque_limit: F64
 
@@ -67,6 +67,8 @@ def prepare(scenario: Scenario, robot: Robot) -> Parts:
     resolution = np.abs(scales.values[TORQUE_PER_COUNT])
     limit = np.floor(robot.torque_limit / resolution * (1 + 1e-12)) * resolution
     control = scenario.control
+    if control.local_terms == "tabulated":
+        refuse_closed_form(robot)
     law = laws.build(
         control.law,
         robot.n,
@@ -79,11 +81,11 @@ def prepare(scenario: Scenario, robot: Robot) -> Parts:
         robot.lower,
         robot.upper,
         robot.velocity_limit,
-        WholeBody(robot).inverse_dynamics,
+        whole_body(robot).inverse_dynamics,
     )
     reference = Reference(scenario.reference, robot.home)
     check_reference(reference, robot, scenario.duration_s)
-    terms = LocalTerms(robot, control.interconnection)
+    terms = local_terms(robot, control.interconnection)
     return Parts(robot, law, reference, terms, scales, limit)
 
 

@@ -25,7 +25,9 @@ from hil.bus.port import BusPort
 from hil.drive.node402 import Cia402Drives, DriveSpec
 from hil.drive.sensors import Sensors, torque_commands
 from hil.faults import compile_faults, effectiveness
-from hil.plants.rigid_body import RigidBodyPlant, per_joint
+from hil.plants.closed_form import refuse_additions
+from hil.plants.per_joint import per_joint
+from hil.plants.rigid_body import RigidBodyPlant
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -311,6 +313,8 @@ def check_rig(scenario: Scenario, robot: Robot) -> None:
         value = getattr(plant, name)
         if value is not None:
             per_joint(value, robot.n, f"rig.plant.{name}")
+    if robot.closed_form is not None:
+        refuse_additions(robot.closed_form, plant)
 
 
 def initial_state(scenario: Scenario, robot: Robot, on_reference: F64) -> tuple[F64, F64]:

@@ -12,6 +12,7 @@ import msgspec
 import tomli_w
 
 from dftc_rt.config import toml
+from dftc_rt.config.robot import one_robot
 from dftc_rt.config.scenario import Scenario
 from dftc_rt.errors import InputError, MissingFileError
 
@@ -73,10 +74,7 @@ def from_raw(raw: dict[str, Any], where: str) -> LoadedScenario:
             f"{watchdog_s:g} s is less than two periods at {rate_hz:g} Hz",
             f"at least {2.0 / rate_hz:g}",
         )
-    robot = scenario.robot
-    if (robot.name is None) == (robot.urdf is None):
-        found = "neither name nor urdf" if robot.name is None else "both name and urdf"
-        raise InputError(f"{where}: robot", found, "one of name, urdf")
+    one_robot(scenario.robot.name, scenario.robot.urdf, scenario.robot.plant, f"{where}: robot")
     for k, fault in enumerate(scenario.fault):
         if fault.end_s <= fault.start_s:
             raise InputError(

@@ -18,6 +18,8 @@ from dftc_rt.config import toml
 from dftc_rt.errors import InputError, MissingFileError
 
 Profile = Literal["cia402", "moteus", "mit"]
+Plant = Literal["pendulums", "pendulums_physical", "arm2"]
+"""Plants whose equations of motion are written down, and not derived from a URDF."""
 
 COUNTS_PER_REV: Final = 524_288
 """Default encoder resolution: 19 bits."""
@@ -107,6 +109,8 @@ class RobotConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         name: Name of the robot, equal to its folder's.
         description: One line.
         urdf: Path relative to ``robot.toml``, or below ``example-robot-data/robots``.
+        plant: Equations of motion that replace the URDF's on both sides of the wire; None:
+            the URDF's.
         lock: Joints held fixed.
         lock_rad: Angle of each of them; None: 0, or what is within limits nearest to it.
         home_rad: One angle per joint that is not locked; None: see ``load_robot``.
@@ -120,6 +124,7 @@ class RobotConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     name: str
     urdf: str
     description: str = ""
+    plant: Plant | None = None
     lock: tuple[str, ...] = ()
     lock_rad: tuple[float, ...] | None = None
     home_rad: tuple[float, ...] | None = None
@@ -219,6 +224,24 @@ def resolve_joint(
         armature=default_armature(limit) if entry.armature is None else entry.armature,
         delay_cycles=entry.delay_cycles,
     )
+
+
+def one_robot(name: object, urdf: object, plant: object, where: str) -> None:
+    """Refuse a robot that is given in no way, or in more ways than one.
+
+    Args:
+        name: ``robot.name``; None: not given.
+        urdf: ``robot.urdf``.
+        plant: ``robot.plant``.
+        where: For the message.
+
+    Raises:
+        InputError: Not exactly one of them is given.
+    """
+    given = [key for key, v in (("name", name), ("urdf", urdf), ("plant", plant)) if v is not None]
+    if len(given) != 1:
+        found = " and ".join(given) if given else "none of them"
+        raise InputError(where, f"found {found}", "one of name, urdf, plant")
 
 
 def robots_dir() -> Path:

@@ -11,6 +11,8 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
+from dftc_rt.config.robot import Plant
+
 Positive = Annotated[float, Meta(gt=0)]
 NonNegative = Annotated[float, Meta(ge=0)]
 Fraction = Annotated[float, Meta(ge=0, le=1)]
@@ -24,10 +26,11 @@ class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class RobotTable(_Strict, frozen=True):
-    """``[robot]``: which robot; either ``name`` or ``urdf``."""
+    """``[robot]``: which robot; one of ``name``, ``urdf`` and ``plant``."""
 
     name: str | None = None
     urdf: str | None = None
+    plant: Plant | None = None
     lock: tuple[str, ...] = ()
     home_rad: tuple[float, ...] | None = None
 

@@ -26,7 +26,7 @@ Array = npt.NDArray[np.float64]
 
 
 class LocalTerms:
-    """Exact local terms: n passes of RNEA and one of CRBA per update.
+    """Exact local terms of a URDF: n passes of RNEA and one of CRBA per update.
 
     Attributes:
         inertia: (n,) M_i, kg m^2, armature included; rewritten in place.

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dftc_rt.config.robot import JointConfig, Profile
+from dftc_rt.dynamics.closed_form.plants import ClosedForm
 from dftc_rt.dynamics.urdf import Urdf
 from dftc_rt.errors import InputError
 
@@ -47,6 +48,8 @@ class Robot:
         locked: Joints that are held fixed, and where, rad (m).
         urdf: The URDF: path, text, all joints.
         package_dirs: Where ``package://`` meshes are found.
+        closed_form: Equations of motion that hold instead of the model's; ``model`` is its
+            geometry then. None: those of ``model``. :mod:`dftc_rt.dynamics.select` chooses.
     """
 
     name: str
@@ -68,6 +71,7 @@ class Robot:
     locked: dict[str, float]
     urdf: Urdf
     package_dirs: tuple[Path, ...]
+    closed_form: ClosedForm | None
     idx_q: tuple[int, ...] = field(repr=False)
 
     @property

@@ -1,4 +1,4 @@
-"""Load a robot, by name or from a bare URDF, or say in one line why not."""
+"""Load a robot, by name, from a bare URDF or as a closed form, or say in one line why not."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ from dftc_rt.config.robot import (
     RobotConfig,
     default_joints,
     load_robot_config,
+    one_robot,
     resolve_joint,
 )
+from dftc_rt.dynamics.closed_form.fit import check_fit, closed_form
 from dftc_rt.dynamics.limits import JointLimits, joint_limits
 from dftc_rt.dynamics.model import Robot
 from dftc_rt.dynamics.urdf import find_urdf, package_dirs, parse_model, read_urdf
@@ -37,11 +39,12 @@ def load_robot(
     lock_rad: Sequence[float] | None = None,
     home_rad: Sequence[float] | None = None,
     gravity_m_s2: Sequence[float] | None = None,
+    plant: str | None = None,
 ) -> Robot:
-    """Load a robot by name or from a bare URDF.
+    """Load a robot by name, from a bare URDF, or with the equations of a closed form.
 
     Args:
-        name: A folder of ``robots/``; this or ``urdf`` is needed.
+        name: A folder of ``robots/``; this, ``urdf`` or ``plant`` is needed.
         urdf: Path, or path below ``example-robot-data/robots``.
         lock: Joints held fixed, besides those that ``robot.toml`` locks.
         lock_rad: Where, one per entry of ``lock``; None: at the home of ``robot.toml``,
@@ -49,19 +52,22 @@ def load_robot(
         home_rad: One per joint that is not locked; None: that of ``robot.toml``, else 0, or
             mid-range where 0 is not within limits.
         gravity_m_s2: (3,); None: that of ``robot.toml``, else (0, 0, -9.81).
+        plant: One of ``CLOSED_FORMS``: the robot of that name, whose equations of motion
+            are the closed form.
 
     Raises:
         InputError: Whatever about the robot is wrong or not supported.
     """
-    if name is not None and urdf is None:
-        config, file = load_robot_config(name)
-        path, where = find_urdf(config.urdf, beside=file.parent), str(file)
-    elif urdf is not None and name is None:
+    one_robot(name, urdf, plant, "robot")
+    form = None if plant is None else closed_form(plant)
+    if urdf is not None:
         path = find_urdf(urdf)
         config, where = RobotConfig(name=path.stem, urdf=str(path)), str(path)
     else:
-        found = "both name and urdf" if name is not None else "neither name nor urdf"
-        raise InputError("robot", found, "one of them")
+        config, file = load_robot_config(name or (form.name if form else ""))
+        path, where = find_urdf(config.urdf, beside=file.parent), str(file)
+    if form is None and config.plant is not None:
+        form = closed_form(config.plant)
 
     checked = read_urdf(path)
     full = parse_model(checked)
@@ -86,6 +92,8 @@ def load_robot(
         limits.check(start, "robot.home_rad")
     gravity = config.gravity_m_s2 if gravity_m_s2 is None else gravity_m_s2
     drives = _drives(config, all_limits, by_file, limits, where)
+    if form is not None:
+        check_fit(form, drives, lock, gravity_m_s2, where)
     stated = {entry.name for entry in config.joint if entry.torque_limit_nm is not None}
 
     model = _reduce(full, all_limits, locked)
@@ -110,6 +118,7 @@ def load_robot(
         locked=locked,
         urdf=checked,
         package_dirs=package_dirs(checked),
+        closed_form=form,
         idx_q=tuple(model.idx_qs)[1:],
     )
     _refuse_singular(robot)

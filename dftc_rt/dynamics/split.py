@@ -16,6 +16,8 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from dftc_rt.dynamics.closed_form.plants import ClosedForm
+from dftc_rt.dynamics.closed_form.whole_body import ClosedFormBody
 from dftc_rt.dynamics.model import Robot
 
 Array = npt.NDArray[np.float64]
@@ -58,6 +60,9 @@ def split(
         Z_i = Σ_{j≠i} M_ij q̈_j + [M_ii − M_i] q̈_i + Σ_{j≠i} C_ij q̇_j + [C_ii − C_i] q̇_i
               + [G_i(q) − G_i]
 
+    A closed form has no Christoffel matrix: C_i q̇_i is what the joint's own velocity does
+    with the others at rest, and Z_i all the rest.
+
     Args:
         robot: The robot.
         q: (n,) rad.
@@ -69,6 +74,8 @@ def split(
 
     Source: [zhao2017] eq. (36).
     """
+    if robot.closed_form is not None:
+        return _split_closed_form(robot.closed_form, q, v, a, surrogate_q, surrogate_v, surrogate_a)
     n, model, data = robot.n, robot.model, robot.model.createData()
 
     def rows(position: Array, velocity: Array) -> tuple[Array, Array, Array]:
@@ -92,4 +99,30 @@ def split(
             + (G[i] - Gs[i])
         )
         expected[i] = Ms[i, others] @ surrogate_a[others] + Cs[i, others] @ surrogate_v[others]
+    return SplitTerms(M_i, C_v, G_i, Z, expected)
+
+
+def _split_closed_form(
+    form: ClosedForm,
+    q: Array,
+    v: Array,
+    a: Array,
+    surrogate_q: Array,
+    surrogate_v: Array,
+    surrogate_a: Array,
+) -> SplitTerms:
+    """Eq. (36) from the inverse dynamics and the mass matrix; arguments as of :func:`split`."""
+    n, body, zero = form.n, ClosedFormBody(form), np.zeros(form.n)
+    M, bias = body.mass_matrix(q), body.inverse_dynamics(q, v, zero)
+    M_i, C_v, G_i, Z, expected = np.zeros((5, n))
+    for i in range(n):
+        others = np.arange(n) != i
+        q_i, v_i = np.where(others, surrogate_q, q), np.where(others, surrogate_v, v)
+        own_v = np.where(others, 0.0, v)
+        Ms, bias_i = body.mass_matrix(q_i), body.inverse_dynamics(q_i, v_i, zero)
+        G_i[i] = body.inverse_dynamics(q_i, zero, zero)[i]
+        C_v[i] = body.inverse_dynamics(q_i, own_v, zero)[i] - G_i[i]
+        M_i[i] = Ms[i, i]
+        Z[i] = M[i, others] @ a[others] + (M[i, i] - M_i[i]) * a[i] + (bias[i] - C_v[i] - G_i[i])
+        expected[i] = Ms[i, others] @ surrogate_a[others] + (bias_i[i] - C_v[i] - G_i[i])
     return SplitTerms(M_i, C_v, G_i, Z, expected)

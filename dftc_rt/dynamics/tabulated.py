@@ -58,6 +58,17 @@ def evaluate_row(
         bias[i] = row[1, i] + row[2, i] * q[i] + row[3, i] * v[i]
 
 
+def refuse_closed_form(robot: Robot) -> None:
+    """Refuse a robot whose derivatives Pinocchio does not know.
+
+    Raises:
+        InputError: The robot has a closed form.
+    """
+    if robot.closed_form is not None:
+        found = f"found 'tabulated' with the closed-form plant '{robot.closed_form.name}'"
+        raise InputError("control.local_terms", found, "exact")
+
+
 class TabulatedTerms:
     """Local terms along a reference, to first order in each joint's own state.
 
@@ -89,10 +100,11 @@ class TabulatedTerms:
             frozen_q: (n,) reference configuration of ``frozen``, rad; None: home.
 
         Raises:
-            InputError: ``measured``, which is not known beforehand, or arrays of
-                different or empty shapes.
+            InputError: ``measured``, which is not known beforehand, a closed-form plant, or
+                arrays of different or empty shapes.
         """
         check_interconnection(interconnection)
+        refuse_closed_form(robot)
         if interconnection == "measured":
             what = "found 'measured', which no table can hold"
             raise InputError("control.interconnection", what, "frozen or desired")

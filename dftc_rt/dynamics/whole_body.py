@@ -1,4 +1,4 @@
-"""Dynamics of the whole robot, for the baselines and the tests. C is the Christoffel one."""
+"""Dynamics of a URDF as a whole, for the baselines and the tests. C is the Christoffel one."""
 
 from __future__ import annotations
 

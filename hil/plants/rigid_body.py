@@ -4,9 +4,10 @@
 
 u_m, the motors' torque, follows the command through a first-order lag; rho is the
 effectiveness, which only this side knows. Semi-implicit Euler at a fixed step. A joint
-whose brake is closed is held exactly: the rest moves under the constraint.
+whose brake is closed is held exactly: the rest moves under the constraint. Where the
+acceleration comes from is :mod:`hil.plants.dynamics`.
 
-Source: [zhao2017] eq. (2), (36); pinocchio.aba.
+Source: [zhao2017] eq. (2), (36).
 """
 
 from __future__ import annotations
@@ -15,14 +16,13 @@ from typing import Final
 
 import numba
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from dftc_rt.config.scenario import DriveTable, PlantTable
 from dftc_rt.dynamics.model import Robot
-from dftc_rt.dynamics.payload import with_armature, with_payload
-from dftc_rt.errors import InputError
 from hil.faults import effectiveness
+from hil.plants.dynamics import forward_dynamics
+from hil.plants.per_joint import per_joint
 
 F64 = NDArray[np.float64]
 
@@ -114,18 +114,11 @@ class RigidBodyPlant:
             v0: Initial velocity, (n,), rad/s, kept until the brakes open.
 
         Raises:
-            InputError: A per-joint value has the wrong length.
+            InputError: A per-joint value has the wrong length, or the robot has a closed form
+                that has no place for it.
         """
         n = self.n = robot.n
-        model = robot.model
-        if plant.payload_kg > 0:
-            model = with_payload(robot, plant.payload_kg, plant.payload_com_m)
-        if plant.armature is not None:
-            model = with_armature(model, per_joint(plant.armature, n, "rig.plant.armature"))
-        self._model = model
-        self._data = model.createData()
-        self._configuration = robot.configuration
-        self._direct = model.nq == model.nv
+        self._dynamics = forward_dynamics(robot, plant)
         self.dt = period_s / plant.substeps
         self._alpha = 1.0 - np.exp(-self.dt / drive.torque_lag_s) if drive.torque_lag_s > 0 else 1.0
         self._faults = faults
@@ -164,7 +157,7 @@ class RigidBodyPlant:
         if closed.any():
             # Inelastic: M (v+ - v) = J^T impulse with v+ = 0 on every closed brake.
             held = ~released
-            M = self._mass_matrix()
+            M = self._dynamics.mass_matrix(self.q)
             free = released
             v_held = self.v[held].copy()
             self.v[held] = 0.0
@@ -195,36 +188,18 @@ class RigidBodyPlant:
     def _acceleration(self) -> F64:
         """Forward dynamics under the brakes, (n,), rad/s^2."""
         if self._all_released:
-            x = self.q if self._direct else self._configuration(self.q)
-            a: F64 = pin.aba(self._model, self._data, x, self.v, self._tau)
-            return a
+            return self._dynamics.acceleration(self.q, self.v, self._tau)
         if self._any_released:
             return self._constrained()
         return self._at_rest
 
-    def _mass_matrix(self) -> F64:
-        M = pin.crba(self._model, self._data, self._configuration(self.q))
-        full: F64 = np.triu(M) + np.triu(M, 1).T
-        return full
-
     def _constrained(self) -> F64:
         """Acceleration, (n,), with the closed brakes' joints at rest."""
-        h = pin.nonLinearEffects(self._model, self._data, self._configuration(self.q), self.v)
+        h = self._dynamics.bias(self.q, self.v)
+        M = self._dynamics.mass_matrix(self.q)
         free = self.released
         a = np.zeros(self.n)
-        a[free] = np.linalg.solve(self._mass_matrix()[np.ix_(free, free)], (self._tau - h)[free])
+        a[free] = np.linalg.solve(M[np.ix_(free, free)], (self._tau - h)[free])
         self.motor[~free] = 0.0
         self.applied[~free] = 0.0
         return a
-
-
-def per_joint(value: float | tuple[float, ...], n: int, where: str) -> F64:
-    """Return a scalar-or-list setting as (n,).
-
-    Raises:
-        InputError: The list has neither 1 nor n values.
-    """
-    values = np.atleast_1d(np.asarray(value, dtype=np.float64))
-    if values.size not in (1, n):
-        raise InputError(where, f"{values.size} values", f"1 or {n}, one per joint")
-    return np.broadcast_to(values, (n,)).copy()

@@ -153,4 +153,5 @@ def physical_energy(q: F64, v: F64) -> float:
     stretch = length - DISTANCE
     stored = STIFFNESS * (0.5 * stretch**2 + 0.25 * HARDENING**2 * stretch**4)
     height = MASS * GRAVITY * LENGTH * (math.cos(q[0]) + math.cos(q[1]))
-    return 0.5 * INERTIA * float(v @ v) + height + stored
+    kinetic = 0.5 * INERTIA * (v[0] * v[0] + v[1] * v[1])
+    return float(kinetic + height + stored)

@@ -1,0 +1,42 @@
+"""Which implementation a robot's dynamics have: its URDF's, or a closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from dftc_rt.dynamics.closed_form.local_terms import ClosedFormTerms
+from dftc_rt.dynamics.closed_form.whole_body import ClosedFormBody
+from dftc_rt.dynamics.interface import EquationsOfMotion, JointTerms
+from dftc_rt.dynamics.local_terms import LocalTerms
+from dftc_rt.dynamics.model import Robot
+from dftc_rt.dynamics.surrogate import Interconnection
+from dftc_rt.dynamics.whole_body import WholeBody
+
+Array = npt.NDArray[np.float64]
+
+
+def local_terms(
+    robot: Robot, interconnection: Interconnection, frozen_q: Array | None = None
+) -> JointTerms:
+    """Local terms of a robot, as the loop evaluates them.
+
+    Args:
+        robot: The robot.
+        interconnection: ``frozen``, ``desired`` or ``measured``.
+        frozen_q: (n,) reference configuration of ``frozen``, rad; None: home.
+
+    Raises:
+        InputError: No such ``interconnection``.
+    """
+    if robot.closed_form is None:
+        return LocalTerms(robot, interconnection, frozen_q)
+    frozen = robot.home if frozen_q is None else frozen_q
+    return ClosedFormTerms(robot.closed_form, interconnection, frozen)
+
+
+def whole_body(robot: Robot) -> EquationsOfMotion:
+    """Equations of motion of the whole robot."""
+    if robot.closed_form is None:
+        return WholeBody(robot)
+    return ClosedFormBody(robot.closed_form)
