@@ -26,6 +26,7 @@ ACTUATOR_KINDS: Final = frozenset(
 RESTLESS_KINDS: Final = frozenset({"sine", "intermittent"})
 """Profiles that never stand still, so an estimate never settles on them."""
 
+RUNNING_STATES: Final = (3.0, 4.0)  # run, degraded: as logged in /cycle
 RAMP_ONSET: Final = 0.95  # effectiveness below which a ramp counts as begun
 TRANSIENT_S: Final = 0.5  # after the onset, not part of the faulty window
 GRACE_S: Final = 1.0  # after a fault's end, in which its verdict may linger
@@ -102,6 +103,11 @@ def _with_onset(fault: FaultSpec, run: Run) -> FaultSpec:
     rho = run.rig["rho"][:, run.joints.index(fault.joint)]
     begun = t[(t >= fault.start_s) & (t < fault.end_s) & (rho < RAMP_ONSET)]
     return replace(fault, start_s=float(begun[0])) if len(begun) else fault
+
+
+def running_mask(run: Run) -> Mask:
+    """Cycles, shape ``(K,)``, in which the controller follows the reference."""
+    return np.isin(run.cycle["state"], RUNNING_STATES)
 
 
 def within(t: NDArray[np.float64], spans: Iterable[tuple[float, float]]) -> Mask:

@@ -10,7 +10,7 @@ import numpy as np
 
 from dftc_rt.analysis import faults as fault_windows
 from dftc_rt.analysis.decimate import extremes
-from dftc_rt.analysis.metrics import running_mask, tracking_error
+from dftc_rt.analysis.metrics import tracking_error
 from dftc_rt.errors import EnvironmentLacksError, InputError
 from dftc_rt.log.run import Run
 
@@ -103,14 +103,14 @@ def _error(
 ) -> None:
     if joint not in run.joints:
         return
-    mask = running_mask(run) & fault_windows.within(run.cycle["t"], [span])
+    mask = fault_windows.running_mask(run) & fault_windows.within(run.cycle["t"], [span])
     error = tracking_error(run)[mask, run.joints.index(joint)] * 1e3
     kept = extremes(error, _POINTS)
     axes.plot(run.cycle["t"][mask][kept], error[kept], color=colour, linewidth=1.1, label=label)
 
 
 def _effectiveness(axes: Axes, run: Run, i: int, span: tuple[float, float]) -> None:
-    mask = running_mask(run) & fault_windows.within(run.cycle["t"], [span])
+    mask = fault_windows.running_mask(run) & fault_windows.within(run.cycle["t"], [span])
     t = run.cycle["t"][mask]
     mean, std = run.cycle["rho_hat"][mask, i], run.cycle["rho_std"][mask, i]
     if np.isfinite(mean + std).any():

@@ -15,15 +15,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dftc_rt.analysis import faults as fault_windows
-from dftc_rt.analysis.faults import ACTUATOR_KINDS, GRACE_S, RESTLESS_KINDS, FaultSpec, Mask
+from dftc_rt.analysis.faults import (
+    ACTUATOR_KINDS,
+    GRACE_S,
+    RESTLESS_KINDS,
+    FaultSpec,
+    Mask,
+    running_mask,
+)
 from dftc_rt.analysis.timing import percentiles_us, period_s
+from dftc_rt.analysis.twin import check_twin
 from dftc_rt.control.signals import ACTUATOR_LOSS, HEALTHY, NOT_OBSERVABLE
 from dftc_rt.log.ending import ending_of
 from dftc_rt.log.run import Run
 
 F64 = NDArray[np.float64]
 
-RUNNING_STATES: Final = (3.0, 4.0)  # run, degraded: as logged in /cycle
 SAFE_STOP_STATE: Final = 5.0
 FAULT_STATE: Final = 6.0
 FINISH_STATE: Final = 7.0
@@ -42,6 +49,7 @@ def evaluate(
     run: Run,
     *,
     twin: Run | None = None,
+    twin_name: str = "twin",
     faults: Sequence[FaultSpec] | None = None,
     overruns: int | None = None,
     end_state: str | None = None,
@@ -55,6 +63,7 @@ def evaluate(
     Args:
         run: The run.
         twin: The same scenario and seed without faults.
+        twin_name: What to call the twin where it is refused: its file.
         faults: The faults of the run; None takes them from its scenario.
         overruns: As the executor counted them; None takes them from its last event, or,
             in a log that is cut off, derives them from the records.
@@ -63,7 +72,10 @@ def evaluate(
 
     Raises:
         LogError: The run's scenario cannot be read.
+        InputError: The twin differs from the run in more than its faults.
     """
+    if twin is not None:
+        check_twin(run, twin, twin_name)
     scenario = fault_windows.scenario_of(run)
     told = fault_windows.faults_of(scenario) if faults is None else tuple(faults)
     given = fault_windows.with_onsets(told, run)
@@ -93,11 +105,6 @@ def evaluate(
     }
     clean: dict[str, Any] = _clean(result | dict(extra or {}))
     return clean
-
-
-def running_mask(run: Run) -> Mask:
-    """Cycles, shape ``(K,)``, in which the controller follows the reference."""
-    return np.isin(run.cycle["state"], RUNNING_STATES)
 
 
 def tracking_error(run: Run) -> F64:
@@ -145,8 +152,6 @@ def _joint(
 
 def _twin_rms(twin: Run, faults: Sequence[FaultSpec], joint: str) -> float:
     """Error of the fault-free twin over the faulted run's window, rad."""
-    if joint not in twin.joints:
-        return math.nan
     mask = running_mask(twin) & fault_windows.fault_window(twin.cycle["t"], faults, joint)
     return _rms(tracking_error(twin)[mask, twin.joints.index(joint)])
 

@@ -30,8 +30,10 @@ def analyze(log: str | Path, *, twin: str | Path | None = None, json: bool = Fal
 
     Raises:
         LogError: A log cannot be read.
+        InputError: The twin differs from the log in more than its faults.
     """
-    found = metrics.evaluate(read(log), twin=None if twin is None else read(twin))
+    other = None if twin is None else read(twin)
+    found = metrics.evaluate(read(log), twin=other, twin_name=f"--twin {twin}")
     if json:
         sys.stdout.write(msgspec.json.encode(found).decode() + "\n")
     else:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dftc_rt.analysis.faults import FaultSpec
-from dftc_rt.analysis.metrics import RUNNING_STATES, evaluate
+from dftc_rt.analysis.faults import RUNNING_STATES, FaultSpec
+from dftc_rt.analysis.metrics import evaluate
 from dftc_rt.log.ending import ending_text
 from dftc_rt.log.run import Run
 from dftc_rt.ring import Event
