@@ -37,10 +37,10 @@ def recover(src: str | Path, dst: str | Path) -> Recovered:
     A chunk is saved whole or not at all: its checksum covers all of it.
 
     Raises:
-        LogError: ``src`` cannot be read or is no MCAP file, or ``dst`` cannot be written
-            or is ``src``, or is there and no plain file.
+        LogError: ``src`` cannot be read, is no MCAP file or holds nothing that can be read,
+            or ``dst`` cannot be written or is ``src``, or is there and no plain file.
     """
-    if os.path.realpath(src) == os.path.realpath(dst):
+    if os.path.exists(src) and os.path.exists(dst) and os.path.samefile(src, dst):
         raise LogError(str(dst), "the log itself", "another file to write to")
     if os.path.exists(dst) and not os.path.isfile(dst):
         # It would be replaced, not written to: as root, even a device like /dev/full.
@@ -49,10 +49,12 @@ def recover(src: str | Path, dst: str | Path) -> Recovered:
         with open(src, "rb") as source:
             if source.read(len(MAGIC)) != MAGIC:
                 raise LogError(str(src), "no MCAP file", "a log written by dftc")
-            part = Path(f"{dst}.part")
+            part = Path(dst).with_name(f".dftc-recover-{os.getpid()}")
             try:
-                with open(part, "wb") as out:
+                with open(part, "xb") as out:
                     done = _copy(source, out)
+                if not (done.whole or done.messages or done.attachments or done.metadata):
+                    raise LogError(str(src), "nothing in it can be read", "a log written by dftc")
                 os.replace(part, dst)
             except BaseException:
                 part.unlink(missing_ok=True)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import Writer
 
 from dftc_rt.errors import LogError
 from dftc_rt.log.reader import read
@@ -34,7 +35,13 @@ def test_any_tear_leaves_what_came_before(sample: Sample, log: Path, tmp_path: P
     content, everything = log.read_bytes(), messages(log)
     torn, saved = tmp_path / "torn.mcap", tmp_path / "saved.mcap"
     rng = np.random.default_rng(3)
-    cuts = sorted({8, 9, 30, len(content) - 1, *rng.integers(8, len(content), 60).tolist()})
+    first = 500  # where the first record ends that says anything
+    for cut in (8, 9, 30):
+        torn.write_bytes(content[:cut])
+        with pytest.raises(LogError, match="nothing in it can be read"):
+            recover(torn, saved)
+        assert not saved.exists()
+    cuts = sorted({first, len(content) - 1, *rng.integers(first, len(content), 60).tolist()})
     counts = []
     for cut in cuts:
         torn.write_bytes(content[:cut])
@@ -72,6 +79,29 @@ def test_noise_after_the_tear_is_left_out(log: Path, tmp_path: Path) -> None:
         recover(torn, saved)
         kept = messages(saved)
         assert kept == whole[: len(kept)]
+
+
+def test_noise_after_the_magic_is_no_log(tmp_path: Path) -> None:
+    noise, target = tmp_path / "noise.mcap", tmp_path / "saved.mcap"
+    target.write_bytes(b"an earlier one")
+    for seed in range(20):
+        noise.write_bytes(b"\x89MCAP0\r\n" + np.random.default_rng(seed).bytes(4000))
+        with pytest.raises(LogError, match="nothing in it can be read") as caught:
+            recover(noise, target)
+        assert str(noise) in str(caught.value)
+    assert target.read_bytes() == b"an earlier one"
+    assert sorted(tmp_path.iterdir()) == [noise, target]
+
+
+def test_a_whole_log_without_a_record_is_whole(tmp_path: Path) -> None:
+    empty = tmp_path / "empty.mcap"
+    with open(empty, "wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2")
+        writer.finish()
+    done = recover(empty, tmp_path / "copy.mcap")
+    assert done.whole
+    assert done.messages == 0
 
 
 def test_what_cannot_be_repaired_is_one_line(log: Path, tmp_path: Path) -> None:
