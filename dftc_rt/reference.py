@@ -22,8 +22,17 @@ F64 = NDArray[np.float64]
 
 
 @numba.njit(cache=True)
-def _sines(t: float, offset: F64, amp: F64, omega: F64, phase: F64, out: F64) -> None:
-    """Write rows q, v, a of a sum of sines into ``out`` (3, n)."""
+def sines(t: float, offset: F64, amp: F64, omega: F64, phase: F64, out: F64) -> None:
+    """Write rows q, v, a of a sum of sines into ``out`` (3, n).
+
+    Args:
+        t: Time, s.
+        offset: Centre, (n,), rad.
+        amp: Amplitudes, (n, sines), rad.
+        omega: Angular frequencies, (n, sines), rad/s.
+        phase: Phases at t = 0, (n, sines), rad.
+        out: Written, rad, rad/s, rad/s².
+    """
     for i in range(offset.shape[0]):
         q, v, a = offset[i], 0.0, 0.0
         for h in range(amp.shape[1]):
@@ -138,9 +147,14 @@ class Reference:
         Same form as :meth:`sample`, and as safe in real time.
         """
         if self._sine_form is not None:
-            _sines(t, *self._sine_form, out)
+            sines(t, *self._sine_form, out)
         elif self._poly_form is not None:
             _polynomial(t, *self._poly_form, out)
+
+    @property
+    def harmonics(self) -> tuple[F64, F64, F64, F64] | None:
+        """Arguments of :func:`sines` besides t and out; None if it is no sum of sines."""
+        return self._sine_form
 
     def table(self, times: F64) -> F64:
         """Return the motion at ``times`` (K,) as an array (K, 3, n)."""

@@ -75,7 +75,9 @@ def weight_drives(p: Any, s: float, u: float) -> tuple[float, float]:
 def identifier_correction(p: Any, e2o: float, delta_o: float) -> float:
     """δ̂_o sgn(e_2o) E + l_2 e_2o of (18), rad/s²."""
     sgn = law.switching(e2o, p.layer_o, p.layer_shape)
-    return identifier.correction(delta_o, law.interconnection_bound(e2o, p.s_bound), sgn, p.l2, e2o)
+    big_e = law.interconnection_bound(e2o, p.s_bound)
+    corr: float = identifier.correction(delta_o, big_e, sgn, p.l2, e2o)
+    return corr
 
 
 @njit(**_CACHE)
