@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from dftc_rt.control.laws import build
 from dftc_rt.control.signals import AGE, NAMES, Q, V
-from dftc_rt.dynamics.local_terms import LocalTerms
 from dftc_rt.dynamics.robot import Robot, load_robot
+from dftc_rt.dynamics.select import local_terms
 
 CYCLES = 400
 LEARNING = {
@@ -34,9 +34,18 @@ VARIANTS = {
 }
 
 
+ROBOTS = {
+    "panda": {"name": "panda"},
+    "ur5": {"name": "ur5"},
+    "pendulums, closed form": {"plant": "pendulums"},
+    "pendulums_physical, closed form": {"plant": "pendulums_physical"},
+    "arm2, closed form": {"plant": "arm2"},
+}
+
+
 @cache
-def _robot(name: str) -> Robot:
-    return load_robot(name)
+def _robot(key: str) -> Robot:
+    return load_robot(**ROBOTS[key])
 
 
 def _outputs(
@@ -49,7 +58,7 @@ def _outputs(
         name, n, 1e-3, np.full(n, 90.0), np.full(n, 0.03), 1, gains, True,
         np.full(n, -2.8), np.full(n, 2.8), np.full(n, 2.0),
     )  # fmt: skip
-    terms = LocalTerms(robot, interconnection)  # type: ignore[arg-type]
+    terms = local_terms(robot, interconnection)  # type: ignore[arg-type]
     rng = np.random.default_rng(seed)
     noise = rng.normal(0.0, 1.0, (CYCLES, 2, n))
     phase = rng.uniform(0.0, 6.0, n)
@@ -75,7 +84,7 @@ def _others(records: np.ndarray, joint: int) -> bytes:
     return np.ascontiguousarray(np.delete(records, joint, axis=2)).tobytes()
 
 
-@pytest.mark.parametrize("robot", ["panda", "ur5"])
+@pytest.mark.parametrize("robot", list(ROBOTS))
 @pytest.mark.parametrize("variant", list(VARIANTS))
 @pytest.mark.parametrize("interconnection", ["frozen", "desired"])
 @settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -84,13 +93,14 @@ def test_other_joints_are_the_same_bits(
     robot: str, variant: str, interconnection: str, joint: int, shift: float, seed: int
 ) -> None:
     model = _robot(robot)
+    joint %= model.n
     base = _outputs(model, variant, interconnection, joint, 0.0, seed)
     moved = _outputs(model, variant, interconnection, joint, shift, seed)
     assert _others(base, joint) == _others(moved, joint)
     assert base[:, :, joint].tobytes() != moved[:, :, joint].tobytes()
 
 
-@pytest.mark.parametrize("robot", ["panda", "ur5"])
+@pytest.mark.parametrize("robot", list(ROBOTS))
 def test_measured_terms_are_seen_to_leak(robot: str) -> None:
     model = _robot(robot)
     base = _outputs(model, "default", "measured", 1, 0.0, 1)

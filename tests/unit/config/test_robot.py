@@ -54,6 +54,9 @@ def test_joints_and_locks_are_consistent():
     assert "lock_rad: found 2 numbers" in refused({"lock": ["a"], "lock_rad": [1, 2]})
     assert "gravity_m_s2" in refused({"gravity_m_s2": [0, 0, math.inf]})
     assert "profile: found 'can'" in refused({"profile": "can"})
+    assert "plant: found 'wheel' (expected one of pendulums, pendulums_physical, arm2)" in refused(
+        {"plant": "wheel"}
+    )
 
 
 def test_default_joints_fill_few_buses_evenly():
@@ -93,7 +96,7 @@ def test_a_name_is_no_path(name):
 
 def test_an_unknown_name_lists_the_known_ones():
     with pytest.raises(
-        MissingFileError, match=r"no robot 'pandas' .*arm2, panda, ur10, ur5, xarm7"
+        MissingFileError, match=r"no robot 'pandas' .*arm2, panda, pendulums, .*ur10, ur5, xarm7"
     ):
         load_robot_config("pandas")
 

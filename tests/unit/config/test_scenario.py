@@ -61,9 +61,13 @@ def test_bare_name_is_a_shipped_scenario_unless_there_is_such_a_file(
         ('fault=[{joint="a", kind="loss", effectiveness=0.5, to=1.0}]', "fault[0].to"),
         ('fault=[{joint="a", kind="total", start_s=3.0, end_s=2.0}]', "fault[0].end_s"),
         ("name=a b", "name"),
-        ('robot.urdf="x.urdf"', "robot"),
+        ('robot.urdf="x.urdf"', "robot: found name and urdf (expected one of name, urdf, plant)"),
+        ("robot.plant=arm2", "robot: found name and plant (expected one of name, urdf, plant)"),
+        ("robot={}", "robot: found none of them (expected one of name, urdf, plant)"),
+        ("robot={plant='wheel'}",
+         "robot.plant: found 'wheel' (expected one of pendulums, pendulums_physical, arm2)"),
     ],
-)
+)  # fmt: skip
 def test_what_is_wrong_is_refused_with_its_path(setting: str, where: str, tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         load_scenario(write(tmp_path, SMALL), [setting])

@@ -1,4 +1,4 @@
-"""The URDF of arm2 against the closed form of [zhao2017] eq. (35), typed in by hand."""
+"""The URDF of arm2, and the closed form, against [zhao2017] eq. (35), typed in by hand."""
 
 import numpy as np
 import pytest
@@ -7,9 +7,13 @@ from hypothesis import strategies as st
 
 from dftc_rt.dynamics.local_terms import LocalTerms
 from dftc_rt.dynamics.robot import load_robot
+from dftc_rt.dynamics.select import local_terms, whole_body
+from dftc_rt.dynamics.surrogate import INTERCONNECTIONS
 from dftc_rt.dynamics.whole_body import WholeBody
 
 ROBOT = load_robot("arm2")
+CLOSED = load_robot(plant="arm2")
+ZERO = np.zeros(2)
 angle = st.floats(-6.0, 6.0)
 speed = st.floats(-10.0, 10.0)
 
@@ -38,6 +42,34 @@ def test_urdf_gives_the_papers_terms(q, v):
     np.testing.assert_allclose(body.gravity(q), G, rtol=0, atol=1e-12)
     scale = max(1.0, np.abs(v).max() ** 2)
     np.testing.assert_allclose(body.coriolis_matrix(q, v) @ v, C @ v, rtol=0, atol=1e-12 * scale)
+
+
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(q=st.tuples(angle, angle), v=st.tuples(speed, speed))
+def test_closed_form_gives_the_papers_terms(q, v):
+    q, v = np.array(q), np.array(v)
+    M, C, G = paper(q, v)
+    body = whole_body(CLOSED)
+    gravity = body.inverse_dynamics(q, ZERO, ZERO)
+    np.testing.assert_allclose(body.mass_matrix(q), M, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(gravity, G, rtol=0, atol=1e-12)
+    scale = max(1.0, np.abs(v).max() ** 2)
+    coriolis = body.inverse_dynamics(q, v, ZERO) - gravity
+    np.testing.assert_allclose(coriolis, C @ v, rtol=0, atol=1e-12 * scale)
+
+
+@pytest.mark.parametrize("interconnection", INTERCONNECTIONS)
+@settings(max_examples=50, deadline=None, derandomize=True)
+@given(q=st.tuples(angle, angle), v=st.tuples(speed, speed), d=st.tuples(angle, angle))
+def test_closed_form_and_urdf_have_the_same_local_terms(interconnection, q, v, d):
+    q, v, qd = np.array(q), np.array(v), np.array(d)
+    vd, ad = 0.5 * qd[::-1], 2.0 * qd
+    pair = [local_terms(robot, interconnection) for robot in (ROBOT, CLOSED)]
+    for terms in pair:
+        terms.update(q, v, qd, vd, ad)
+    scale = max(1.0, np.abs(v).max() ** 2, np.abs(vd).max() ** 2)
+    np.testing.assert_allclose(pair[0].inertia, pair[1].inertia, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(pair[0].bias, pair[1].bias, rtol=0, atol=2e-12 * scale)
 
 
 def test_no_armature_and_the_papers_gravity():

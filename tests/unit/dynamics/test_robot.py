@@ -162,8 +162,8 @@ def test_joint_index():
 
 
 def test_wrong_arguments_are_refused():
-    assert "neither name nor urdf" in refused()
-    assert "both name and urdf" in refused(name="ur5", urdf=PANDA)
+    assert refused() == "robot: found none of them (expected one of name, urdf, plant)"
+    assert "found name and urdf" in refused(name="ur5", urdf=PANDA)
     assert "'x' is no joint that can move" in refused(name="ur5", lock=["x"])
     assert "robot.home_rad: found 1 numbers (expected 6," in refused(name="ur5", home_rad=[0])
     assert "joint 'elbow_joint' at 4" in refused(name="ur5", home_rad=[0, 0, 4, 0, 0, 0])
