@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import functools
+import os
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
+from canopen.sdo.exceptions import SdoCommunicationError
 from cyclopts import Parameter
 
 from dftc_rt.bus import unix
@@ -18,15 +20,17 @@ from dftc_rt.bus.link_kind import link_kind
 from dftc_rt.bus.select import vcan_name
 from dftc_rt.bus.socketcan import SocketCanSocket
 from dftc_rt.cli import session
-from dftc_rt.cli.hil import finish, log_path
+from dftc_rt.cli.hil import finish
+from dftc_rt.cli.output import log_file
 from dftc_rt.cli.processes import roles
 from dftc_rt.cli.processes.child import Flags
 from dftc_rt.cli.processes.launcher import Launcher
 from dftc_rt.cli.processes.roles import Rings
+from dftc_rt.cli.session import Session
 from dftc_rt.cli.simulate import warm_up
 from dftc_rt.cli.status import Status
 from dftc_rt.drives.wiring import bus_names
-from dftc_rt.errors import EnvironmentLacksError, InputError
+from dftc_rt.errors import BusError, DriveError, EnvironmentLacksError, InputError
 
 _EXPECTED = "unix, vcan, or socketcan:can0,can1,… with one interface a bus"
 
@@ -68,39 +72,48 @@ def control(
         EnvironmentLacksError: The machine lacks what was asked for.
     """
     opened = session.open_session(scenario, set_)
-    names = bus_names(opened.robot.joint_config)
-    connect = functools.partial(_join, names, bus, bus_dir)
-    for socket in connect():  # fail here, in one line, rather than in a child
+    join = functools.partial(_join, opened, scenario, bus, bus_dir)
+    for socket in join():  # fail here, in one line, rather than in a child
         socket.close()
-    path = log_path(opened, log)
-    warm_up(opened)
-    rings, flags = Rings.create(opened), Flags()
-    epoch_ns = 0 if lockstep else time.time_ns()
-    print(f"bus: {bus}", file=sys.stderr, flush=True)
-    with Status(opened, quiet=json or lockstep) as status:
-        ended = Launcher(
-            rings,
-            flags,
-            functools.partial(roles.controller, opened, connect, rings, flags, lockstep=lockstep),
-            None,
-            lambda file: roles.recorder(opened, file, epoch_ns, rings, with_rig=False),
-            path,
-            status.watch,
-        ).run()
-    return finish(opened, ended, report=report, json=json)
+    with log_file(opened, log, report=report) as path:
+        warm_up(opened)
+        rings, flags = Rings.create(opened), Flags()
+        epoch_ns = 0 if lockstep else time.time_ns()
+        print(f"bus: {bus}", file=sys.stderr, flush=True)
+
+        def controller() -> dict[str, Any]:
+            try:
+                return roles.controller(opened, join, rings, flags, lockstep=lockstep)
+            except DriveError as error:
+                if not isinstance(error.__cause__, SdoCommunicationError):
+                    raise  # a drive that answers is not what it should be
+                raise EnvironmentLacksError(str(error), _how_to_get_drives(bus, scenario)) from None
+
+        with Status(opened, quiet=json or lockstep) as status:
+            ended = Launcher(
+                rings,
+                flags,
+                controller,
+                None,
+                lambda file: roles.recorder(opened, file, epoch_ns, rings, with_rig=False),
+                path,
+                status.watch,
+            ).run()
+        return finish(opened, ended, report=report, json=json)
 
 
-def _join(names: Sequence[str], bus: str, bus_dir: str | Path | None) -> list[FrameSocket]:
+def _join(
+    opened: Session, scenario: str | Path, bus: str, bus_dir: str | Path | None
+) -> list[FrameSocket]:
     """Open every bus.
 
     Raises:
         InputError: The bus is not spelled as it must be, or is not what it says.
-        BusError: A bus is not there.
+        EnvironmentLacksError: A bus is not there, or down.
     """
+    names = bus_names(opened.robot.joint_config)
     if bus == "unix":
-        directory = resolve_directory(bus_dir)
-        check_directory(directory)
-        return [unix.connect(name, directory) for name in names]
+        return _join_rig(names, resolve_directory(bus_dir), scenario)
     if bus == "vcan":
         interfaces = [vcan_name(name) for name in names]
         for interface in interfaces:
@@ -119,4 +132,33 @@ def _join(names: Sequence[str], bus: str, bus_dir: str | Path | None) -> list[Fr
             )
     else:
         raise InputError("--bus", f"'{bus}'", _EXPECTED)
-    return [SocketCanSocket(n, i) for n, i in zip(names, interfaces, strict=True)]
+    try:
+        return [SocketCanSocket(n, i) for n, i in zip(names, interfaces, strict=True)]
+    except BusError as error:
+        kind = "" if bus == "vcan" else f" type can bitrate {opened.scenario.bus.bitrate}"
+        raise EnvironmentLacksError(
+            str(error), f"ip -br link shows what there is; ip link set NAME up{kind}, as root"
+        ) from None
+
+
+def _join_rig(names: Sequence[str], directory: Path, scenario: str | Path) -> list[FrameSocket]:
+    """Open every bus of a rig on this machine.
+
+    Raises:
+        InputError: Somebody else could have made the directory.
+        EnvironmentLacksError: No rig is there.
+    """
+    remedy = f"start one first: dftc rig {scenario} --bus unix --bus-dir {directory}"
+    if not os.path.lexists(directory):
+        raise EnvironmentLacksError(f"no rig has its buses at {directory}", remedy)
+    check_directory(directory)
+    try:
+        return [unix.connect(name, directory) for name in names]
+    except BusError as error:
+        raise EnvironmentLacksError(str(error), remedy) from None
+
+
+def _how_to_get_drives(bus: str, scenario: str | Path) -> str:
+    if bus in ("unix", "vcan"):
+        return f"is the rig of this very scenario there? dftc rig {scenario} --bus {bus}"
+    return "check power, wiring, bit rate, and the node ids in robot.toml"

@@ -18,6 +18,7 @@ from dftc_rt.analysis.report import write_report
 from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.bus.select import BusChoice, choose_bus
 from dftc_rt.cli import session
+from dftc_rt.cli.output import log_file
 from dftc_rt.cli.processes import roles
 from dftc_rt.cli.processes.buses import RigBuses, join, make_rig
 from dftc_rt.cli.processes.child import Flags
@@ -27,7 +28,7 @@ from dftc_rt.cli.session import Session
 from dftc_rt.cli.simulate import warm_up
 from dftc_rt.cli.status import Status
 from dftc_rt.drives.wiring import bus_names
-from dftc_rt.errors import DftcError, InputError
+from dftc_rt.errors import DftcError
 from dftc_rt.log.reader import read
 from dftc_rt.rt.executor import Counters, Outcome
 from dftc_rt.rt.process import report_refused
@@ -75,51 +76,42 @@ def hil(
         EnvironmentLacksError: The machine lacks what was asked for.
     """
     opened = session.open_session(scenario, set_)
-    choice = choose_bus(bus or opened.scenario.bus.interface, bus_names(opened.robot.joint_config))
-    path = log_path(opened, log)
-    warm_up(opened)
-    with tempfile.TemporaryDirectory(prefix="dftc-") as private:
-        buses = RigBuses(opened, choice)
-        directory = Path(bus_dir) if bus_dir is not None else Path(private)
-        buses.open(directory)
-
-        def abandon() -> None:
-            """What is left to do for the rig when this process was killed."""
-            buses.release()
-            with contextlib.suppress(OSError):
-                Path(private).rmdir()
-
-        try:
-            where = f" (sockets in {directory})" if choice.kind == "unix" else ""
-            print(f"bus: {choice.reason}{where}", file=sys.stderr, flush=True)
-            with Status(opened, quiet=json or lockstep) as status:
-                ended = _launch(opened, choice, buses, path, lockstep, status, abandon)
-        finally:
-            buses.release()
-    return finish(opened, ended, report=report, json=json)
+    wanted = opened.scenario.bus.interface if bus is None else bus
+    choice = choose_bus(wanted, bus_names(opened.robot.joint_config))
+    with log_file(opened, log, report=report) as path:
+        warm_up(opened)
+        with tempfile.TemporaryDirectory(prefix="dftc-") as private:
+            directory = Path(bus_dir) if bus_dir is not None else Path(private)
+            ended = _over(opened, choice, directory, Path(private), path, lockstep, json)
+        return finish(opened, ended, report=report, json=json)
 
 
-def log_path(opened: Session, log: str | Path | None) -> Path:
-    """Return where to log, and make sure that it can be written there.
+def _over(
+    opened: Session,
+    choice: BusChoice,
+    directory: Path,
+    private: Path,
+    path: Path,
+    lockstep: bool,
+    json: bool,
+) -> Ended:
+    """Open the buses, run, and close them."""
+    buses = RigBuses(opened, choice)
+    buses.open(directory)
 
-    Raises:
-        InputError: The folder cannot be made.
-    """
-    if log is not None:
-        path = Path(log)
-    else:
-        stamp = time.strftime("%Y%m%d-%H%M%S")
-        path = Path("logs") / f"{opened.scenario.name}-{stamp}.mcap"
+    def abandon() -> None:
+        """What is left to do for the rig when this process was killed."""
+        buses.release()
+        with contextlib.suppress(OSError):
+            private.rmdir()
+
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        folder = path.is_dir()
-    except OSError as error:
-        raise InputError(str(path)[:80], f"{error.strerror}", "a file to log into") from None
-    if folder:
-        raise InputError(str(path), "is a folder", "a file to write")
-    if path.suffix == ".html":  # there the report goes
-        raise InputError(str(path), "is no name for a log", "another ending, such as .mcap")
-    return path
+        where = f" (sockets in {directory})" if choice.kind == "unix" else ""
+        print(f"bus: {choice.reason}{where}", file=sys.stderr, flush=True)
+        with Status(opened, quiet=json or lockstep) as status:
+            return _launch(opened, choice, buses, path, lockstep, status, abandon)
+    finally:
+        buses.release()
 
 
 def _launch(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -10,6 +11,7 @@ from cyclopts import Parameter
 
 from dftc_rt.analysis import metrics
 from dftc_rt.analysis.report import write_report
+from dftc_rt.cli.output import check_output
 from dftc_rt.errors import LogError
 from dftc_rt.log.reader import read
 
@@ -29,11 +31,13 @@ def report(log: str | Path, *, output: Annotated[str | Path, Parameter(alias="-o
         Exit code.
 
     Raises:
-        LogError: The log cannot be read, or the report not be written.
+        LogError: The log cannot be read.
+        InputError: The report cannot be written.
     """
-    run = read(log)
-    if Path(output).resolve() == Path(log).resolve():
+    if os.path.exists(log) and os.path.exists(output) and os.path.samefile(log, output):
         raise LogError(str(output), "the log itself", "another file to write to")
+    check_output(output)
+    run = read(log)
     write_report(run, metrics.evaluate(run), output)
     sys.stdout.write(f"{output}\n")
     return 0

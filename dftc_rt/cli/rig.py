@@ -59,7 +59,7 @@ def rig(
     """
     opened = session.open_session(scenario, set_)
     names = bus_names(opened.robot.joint_config)
-    choice = choose_bus(bus or opened.scenario.bus.interface, names)
+    choice = choose_bus(opened.scenario.bus.interface if bus is None else bus, names)
     if choice.kind == "inprocess":
         raise InputError("--bus", "'inprocess'", "vcan or unix: a rig alone is another process")
     warm_up(opened)

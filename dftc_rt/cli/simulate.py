@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from dftc_rt.cli import session
+from dftc_rt.cli.output import log_file
 from dftc_rt.cli.processes.child import STOP_SIGNALS
 from dftc_rt.cli.session import Session
 from dftc_rt.controller import connect
@@ -82,13 +83,14 @@ def simulate(
         Exit code.
 
     Raises:
-        InputError: The scenario is wrong.
+        InputError: The scenario is wrong, or the log cannot be written.
     """
     opened = session.open_session(scenario, set_)
-    warm_up(opened)
-    recorder = opened.recorder(log, epoch_ns=0) if log is not None else None
-    with recorder or nullcontext():
-        run, outcome = run_simulation(opened, recorder)
+    with log_file(opened, log) if log is not None else nullcontext():
+        warm_up(opened)
+        recorder = opened.recorder(log, epoch_ns=0) if log is not None else None
+        with recorder or nullcontext():
+            run, outcome = run_simulation(opened, recorder)
     found = session.summarise(run, outcome, log=None if log is None else str(log))
     session.show(found, json)
     if outcome.reason:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import socket
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -34,6 +36,7 @@ class RigBuses:
     opened: Session
     choice: BusChoice
     directory: BusDirectory | None = None
+    _made: bool = False  # the directory was not there before
     _listeners: dict[str, socket.socket] = field(default_factory=dict)
 
     def open(self, path: Path) -> None:
@@ -44,6 +47,7 @@ class RigBuses:
             EnvironmentLacksError: It cannot be made.
         """
         if self.choice.kind == "unix":
+            self._made = not os.path.lexists(path)
             self.directory = BusDirectory(path)
             for name in bus_names(self.opened.robot.joint_config):
                 self._listeners[name] = listen(path, name)
@@ -73,10 +77,13 @@ class RigBuses:
         self._listeners.clear()
 
     def release(self) -> None:
-        """Give the directory back and remove what is in it."""
+        """Give the directory back and remove what is in it, and itself where it was made here."""
         self.let_go()
         if self.directory is not None:
             self.directory.release()
+            if self._made:
+                with contextlib.suppress(OSError):  # another rig has taken it by now
+                    self.directory.path.rmdir()
 
 
 def make_rig(
