@@ -34,7 +34,7 @@ def correction(delta_o: float, big_e: float, sgn: float, l2: float, e2o: float) 
 def rate1(x2o: float, l1: float, e1o: float) -> float:
     """x̂̇_1 = x̂_2 + l_1 e_1o, rad/s.
 
-    Source: [zhao2017] eq. (18), first line.
+    Source: [zhao2017] eq. (18), first line; the first line of (27) too.
     """
     return x2o + l1 * e1o
 

@@ -113,7 +113,7 @@ def interconnection_drive(gamma: float, size: float, big_s: float) -> float:
 
 @njit(**_CACHE)
 def approximation_drive(gamma: float, size: float) -> float:
-    """Γ_ξ |s|, rad/s³.
+    """Γ_ξ |s|, rad/s³: drives ξ̂ towards the bound ξ of ω = ε_f + ε_g u, (8) and (9).
 
     Source: [zhao2017] eq. (14).
     """
