@@ -17,14 +17,17 @@ SETTINGS = ["duration_s=0.2", "fault[0].start_s=0.1"]
 
 
 @pytest.mark.vcan
-def test_lockstep_over_vcan_gives_the_same_records_as_one_process(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "scenario", ["panda_shoulder_loss", "paper_example1", "paper_example2", "paper_example2_urdf"]
+)
+def test_lockstep_over_vcan_gives_the_same_records_as_one_process(
+    scenario: str, tmp_path: Path
+) -> None:
     log = tmp_path / "vcan.mcap"
-    code = hil(
-        "panda_shoulder_loss", bus="vcan", lockstep=True, log=log, set_=SETTINGS, report=False
-    )
+    code = hil(scenario, bus="vcan", lockstep=True, log=log, set_=SETTINGS, report=False)
     assert code == 0
     there = read(log)
-    here, _ = run_simulation(open_session("panda_shoulder_loss", SETTINGS))
+    here, _ = run_simulation(open_session(scenario, SETTINGS))
     assert there.rig is not None
     assert here.rig is not None
     for mine, theirs in ((here.cycle, there.cycle), (here.rig, there.rig)):

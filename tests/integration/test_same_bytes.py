@@ -38,6 +38,21 @@ def test_hil_in_lockstep_gives_the_bytes_of_simulate(
     assert other == one
 
 
+@pytest.mark.parametrize("scenario", ["paper_example1", "paper_example2_urdf"])
+def test_the_papers_plants_over_unix_sockets_give_the_bytes_of_simulate(
+    scenario: str, tmp_path: Path
+) -> None:
+    here, there = tmp_path / "here.mcap", tmp_path / "there.mcap"
+    assert run(["simulate", scenario, "--log", str(here), "--json", *SHORT]) == 0
+    options = ("--lockstep", "--bus", "unix", "--log", there, "--json", "--no-report")
+    done = dftc("hil", scenario, *options, *SHORT)
+    assert done.returncode == 0, done.stderr
+    one, other = repeatable(here), repeatable(there)
+    assert len(one[0]) > 1000 * 8
+    assert len(one[1]) > 1000 * 8
+    assert other == one
+
+
 def test_same_seed_same_bytes_and_another_seed_others(simulated: Path, tmp_path: Path) -> None:
     first = repeatable(simulated)
     assert repeatable(simulate(tmp_path / "again.mcap")) == first

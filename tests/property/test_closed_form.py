@@ -1,4 +1,4 @@
-"""Properties of the split of closed forms: terms add up, and a joint reads nothing of the others."""
+"""Properties of closed forms: their split adds up, and a joint reads nothing of the others."""
 
 import numpy as np
 import pytest

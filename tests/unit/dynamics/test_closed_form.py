@@ -117,9 +117,12 @@ def test_printed_spring_has_no_potential(q):
     step = 1e-5
 
     def cross(body):
-        first = [body.inverse_dynamics(q + [0.0, d], ZERO, ZERO)[0] for d in (step, -step)]
-        second = [body.inverse_dynamics(q + [d, 0.0], ZERO, ZERO)[1] for d in (step, -step)]
-        return [(up - down) / (2.0 * step) for up, down in (first, second)]
+        def torque(joint, shift):
+            return body.inverse_dynamics(q + np.array(shift), ZERO, ZERO)[joint]
+
+        first = torque(0, (0.0, step)) - torque(0, (0.0, -step))
+        second = torque(1, (step, 0.0)) - torque(1, (-step, 0.0))
+        return first / (2.0 * step), second / (2.0 * step)
 
     one, two = cross(PHYSICAL)
     assert one == pytest.approx(two, abs=1e-8)
