@@ -29,7 +29,7 @@ from dftc_rt.cli.simulate import warm_up
 from dftc_rt.cli.status import Status
 from dftc_rt.drives.wiring import bus_names
 from dftc_rt.errors import DftcError
-from dftc_rt.log.reader import read
+from dftc_rt.log.pieces import read_pieces
 from dftc_rt.rt.executor import Counters, Outcome
 from dftc_rt.rt.process import report_refused
 from hil.bus.port import BusPort
@@ -188,28 +188,35 @@ def finish(opened: Session, ended: Ended, *, report: bool, json: bool) -> int:
     code = session.exit_code(outcome.end_state)
     if outcome.end_state == "failed":
         code = int(ended.controller.get("exit_code", 1))
+    logs = [path for path in ended.logs if path.exists()] or ended.logs[:1]
     facts: dict[str, Any] = {
-        "log": str(ended.logs[0]),
-        "logs": [str(path) for path in ended.logs],
+        "log": str(logs[0]),
+        "logs": [str(path) for path in logs],
         "recorder_dropped": ended.recorder.get("dropped", {}),
         "buses": ended.rig.get("buses", {}),
     }
     try:
-        run = read(ended.logs[0])
+        run, note = read_pieces(logs)
         found = session.summarise(run, outcome, **facts)
     except DftcError as error:
         if outcome.reason and outcome.end_state != "failed":
             print(f"{outcome.end_state}: {outcome.reason}", file=sys.stderr)
         print(f"no summary: {error}", file=sys.stderr)
         return code or 1
+    if note:
+        print(note, file=sys.stderr)
+    html = ended.logs[0].with_suffix(".html")
     if report:
-        html = ended.logs[0].with_suffix(".html")
-        write_report(run, found, html)
-        found["report"] = str(html)
+        try:
+            write_report(run, found, html)
+            found["report"] = str(html)
+        except DftcError as error:  # the run is over: its summary is still worth having
+            print(f"no report: {error}", file=sys.stderr)
+            code = code or 1
     session.show(found, json)
     if not json:
-        print(f"log:    {found['log']}")
-        if report:
+        print("\n".join(f"{'log:' if path is logs[0] else '':8}{path}" for path in logs))
+        if "report" in found:
             print(f"report: {found['report']}")
     if outcome.reason and outcome.end_state != "failed":
         print(f"{outcome.end_state}: {outcome.reason}", file=sys.stderr)

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from dftc_rt.config.robot import robot_names
 from dftc_rt.dynamics.robot import Robot, load_robot
@@ -35,7 +35,10 @@ def robots(*, json: bool = False) -> int:
         text = msgspec.json.encode({"robots": [_described(robot) for robot in found]})
         sys.stdout.write(text.decode() + "\n")
         return 0
-    table = Table("name", "DOF", "joint", "torque limit / Nm", "bus", "node", "description")
+    table = Table(
+        Column("name", no_wrap=True), "DOF", "joint", "torque limit / Nm", "bus", "node",
+        "description",
+    )  # fmt: skip
     for robot in found:
         drives = robot.joint_config
         table.add_row(
@@ -69,4 +72,5 @@ def _described(robot: Robot) -> dict[str, Any]:
         "locked": list(robot.locked),
         "profile": robot.profile,
         "urdf": str(robot.urdf_path),
+        "plant": None if robot.closed_form is None else robot.closed_form.name,
     }

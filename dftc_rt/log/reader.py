@@ -23,17 +23,27 @@ from dftc_rt.ring import Event
 _TOPICS: Final = ("/cycle", "/rig", "/events")
 
 
-def read(path: str | Path) -> Run:
+def read(path: str | Path, *, torn: bool = False) -> Run:
     """The run that a log holds.
+
+    Args:
+        path: The log.
+        torn: Take what comes before a tear or damage, instead of refusing the log.
 
     Raises:
         LogError: Missing, foreign, torn (says how to repair it), damaged, or no ``/cycle``.
     """
     where = str(path)
+    content = _Content()
     try:
         with open(path, "rb") as stream:
-            _check_ends(where, stream)
-            content = _Content()
+            _check_start(where, stream)
+            if not torn and not _has_end(stream):
+                raise LogError(
+                    where,
+                    "torn, its writer was cut off",
+                    f"a whole log; dftc recover {where} -o F.mcap",
+                )
             for record in records(stream):
                 content.add(record)
     except LogError:
@@ -41,21 +51,34 @@ def read(path: str | Path) -> Run:
     except OSError as error:
         raise LogError(where, error.strerror or str(error), "a log that can be read") from None
     except DAMAGE:
-        raise LogError(
-            where, "damaged", f"a whole log; dftc recover {where} -o F.mcap saves what it can"
-        ) from None
+        if not torn:
+            raise LogError(
+                where, "damaged", f"a whole log; dftc recover {where} -o F.mcap saves what it can"
+            ) from None
     return content.run(where)
 
 
-def _check_ends(where: str, stream: IO[bytes]) -> None:
+def is_torn(path: str | Path) -> bool:
+    """Whether a log's writer was cut off.
+
+    Raises:
+        OSError: It cannot be read.
+    """
+    with open(path, "rb") as stream:
+        return not _has_end(stream)
+
+
+def _check_start(where: str, stream: IO[bytes]) -> None:
     if stream.read(len(MAGIC)) != MAGIC:
         raise LogError(where, "no MCAP file", "a log written by dftc")
+
+
+def _has_end(stream: IO[bytes]) -> bool:
     end = stream.seek(0, os.SEEK_END) - len(MAGIC)
+    if end < len(MAGIC):
+        return False
     stream.seek(end)
-    if end < len(MAGIC) or stream.read() != MAGIC:
-        raise LogError(
-            where, "torn, its writer was cut off", f"a whole log; dftc recover {where} -o F.mcap"
-        )
+    return stream.read() == MAGIC
 
 
 @dataclass

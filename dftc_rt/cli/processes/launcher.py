@@ -7,6 +7,7 @@ up, and knows how it all ended.
 
 from __future__ import annotations
 
+import os
 import signal
 import time
 from collections.abc import Callable
@@ -139,9 +140,11 @@ class Launcher:
         return self._ended
 
     def _start_recorder(self, role: Callable[[Path], dict[str, Any]]) -> Child:
-        number = len(self._ended.logs) + 1
-        path = self._log if number == 1 else self._log.with_suffix(f".{number}.mcap")
-        self._ended.logs.append(path)
+        logs, path, number = self._ended.logs, self._log, 1
+        while path in logs or (number > 1 and os.path.lexists(path)):  # an earlier run's stays
+            number += 1
+            path = self._log.with_suffix(f".{number}.mcap")
+        logs.append(path)
         return Child("dftc-recorder", lambda: role(path))
 
     def _finish(self, child: Child) -> dict[str, Any]:
