@@ -35,20 +35,16 @@ def robots(*, json: bool = False) -> int:
         text = msgspec.json.encode({"robots": [_described(robot) for robot in found]})
         sys.stdout.write(text.decode() + "\n")
         return 0
-    table = Table(
-        Column("name", no_wrap=True), "DOF", "joint", "torque limit / Nm", "bus", "node",
-        "description",
-    )  # fmt: skip
+    # Names are what a scenario needs, so they stay whole; descriptions wrap, on 80 columns too.
+    table = Table("robot", Column("joint", no_wrap=True), "limit / Nm", "bus", "node")
     for robot in found:
         drives = robot.joint_config
         table.add_row(
-            robot.name,
-            str(robot.n),
+            f"[bold]{escape(robot.name)}[/bold]\n{escape(robot.description)}",
             "\n".join(drive.name for drive in drives),
             "\n".join(f"{drive.torque_limit_nm:g}" for drive in drives),
             "\n".join(drive.bus for drive in drives),
             "\n".join(str(drive.node_id) for drive in drives),
-            escape(robot.description),
             end_section=True,
         )
     Console(file=sys.stdout).print(table)
