@@ -11,6 +11,7 @@ Source: [zhao2017] eq. (1)-(33).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -24,6 +25,7 @@ from dftc_rt.dynamics.closed_form.plants import CLOSED_FORMS
 from dftc_rt.errors import InputError
 from dftc_rt.paper import observers
 from dftc_rt.paper.examples import EXAMPLES, IDENTIFIER_STATE, Q0, Example
+from dftc_rt.paper.observers import ObserverReading
 from dftc_rt.paper.right_hand_side import (
     BASE,
     HELD,
@@ -48,6 +50,7 @@ from dftc_rt.paper.right_hand_side import (
     X2FO,
     X2O,
     M,
+    Mode,
     right_hand_side,
 )
 from dftc_rt.paper.variant import Variant
@@ -118,16 +121,20 @@ class Solution:
 class ClosedLoop:
     """The right-hand side of one variant, ready for a solver."""
 
-    def __init__(self, variant: Variant) -> None:
+    def __init__(
+        self, variant: Variant, readings: Sequence[ObserverReading] = observers.READINGS
+    ) -> None:
         """Build parameters and work arrays.
 
         Args:
             variant: What is to be simulated.
+            readings: Observers that run along.
 
         Raises:
             InputError: A name or a gain of the variant is wrong.
         """
         self.variant = variant
+        self.readings = readings
         self.example = EXAMPLES[variant.example]
         plant = variant.plant or self.example.plant
         if plant not in CLOSED_FORMS:
@@ -136,9 +143,9 @@ class ClosedLoop:
         self._par = parameters(variant.epsilon, variant.gains)
         table = ReferenceTable(kind=self.example.reference, blend_s=0.0)
         reference = Reference(table, np.zeros(2))
-        self._motion = reference.harmonics
-        self._forms = np.zeros(len(observers.READINGS), dtype=_FORM)
-        for form, reading in zip(self._forms, observers.READINGS, strict=True):
+        self._motion = variant.reading.motion or reference.harmonics
+        self._forms = np.zeros(len(readings), dtype=_FORM)
+        for form, reading in zip(self._forms, readings, strict=True):
             for name in ("true_rho", "correction", "models", "normalised"):
                 form[name] = getattr(reading, name)
             for name in ("gamma_rho", "l2f"):
@@ -149,7 +156,7 @@ class ClosedLoop:
         self._work = (
             np.zeros((14, 2)), np.zeros((6, 2)), np.zeros(M), np.zeros(fit.centres.shape[1]),
         )  # fmt: skip
-        self.states = BASE + PER_OBSERVER * len(observers.READINGS)
+        self.states = BASE + PER_OBSERVER * len(readings)
         self._dz = np.zeros((2, self.states))
         self._sig = np.zeros((SIGNALS, 2))
         self.evaluations = 0
@@ -158,16 +165,21 @@ class ClosedLoop:
     def initial(self) -> F64:
         """State at t = 0, (2 states,)."""
         z = np.zeros((2, self.states))
-        z[:, X1] = Q0
+        read = self.variant.reading
+        z[:, X1] = read.q0
         z[:, X1O], z[:, X2O] = IDENTIFIER_STATE
         z[:, W_F] = z[:, W_G] = self.example.w_f
         z[:, W_FO], z[:, W_GO] = self.example.w_fo, self.example.w_go
-        for r, reading in enumerate(observers.READINGS):
+        if read.weights_seed is not None:
+            rng = np.random.default_rng(read.weights_seed)
+            for block in (W_F, W_G, W_FO, W_GO):
+                z[:, block] = rng.uniform(-0.5, 0.5, (2, M))
+        for r, reading in enumerate(self.readings):
             at = BASE + PER_OBSERVER * r
             z[:, at + X1F], z[:, at + X2F] = IDENTIFIER_STATE
             start = IDENTIFIER_STATE if reading.correction else (Q0[0], 0.0)
             z[:, at + X1FO], z[:, at + X2FO] = start
-            z[:, at + RHO] = 1.0
+            z[:, at + RHO] = read.rho0
         return z.ravel()
 
     def enter(self, faulty: bool) -> None:
@@ -176,14 +188,22 @@ class ClosedLoop:
         fault = np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
         if faulty and variant.fault:
             fault[0] = self.example.rho
-        robust = _ROBUST[variant.robust] if faulty else ON
-        adapting = not faulty or variant.identifier == "adapt"
+            if variant.reading.both:
+                fault[1] = self.example.rho
         source = NO_GAIN
         if variant.gain == "true":
             source = TRUE_GAIN
         elif variant.gain != "none":
-            source = observers.NAMES.index(variant.gain)
-        mode = (robust, adapting, source)
+            source = [reading.name for reading in self.readings].index(variant.gain)
+        read = variant.reading
+        acts = [_ROBUST[name or variant.robust] for name in (read.delta, read.xi, read.networks)]
+        delta, xi, networks = acts if faulty else (ON, ON, ON)
+        mode = Mode(
+            delta=delta, xi=xi, learns=networks == ON,
+            trains=not faulty or variant.identifier == "adapt", source=source,
+            error13=read.error13, applied12=read.applied12, sgn18=read.sgn18,
+            delivered18=read.delivered18, limit=read.limit_nm,
+        )  # fmt: skip
         self._phase = (
             self._par, self._motion, fault, mode, self._forms, self._fit, self._work,
         )  # fmt: skip

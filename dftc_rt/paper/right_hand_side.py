@@ -10,7 +10,7 @@ Source: [zhao2017] eq. (1)-(33).
 from __future__ import annotations
 
 import functools
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -47,6 +47,35 @@ TRUE_GAIN: Final = -2
 """Sources of the gain that are no observer."""
 
 _CENTRES = basis.diagonal_centres(1)[0]
+
+
+class Mode(NamedTuple):
+    """What acts in a stretch of the run, and how single equations are read.
+
+    Attributes:
+        delta: :data:`ON`, :data:`HELD` or :data:`REMOVED`, of δ̂.
+        xi: The same of ξ̂.
+        learns: The controller's networks adapt.
+        trains: The identifier adapts.
+        source: Index of the observer that drives the gain, :data:`NO_GAIN` or
+            :data:`TRUE_GAIN`.
+        error13: |e| in the place of |s| in (13).
+        applied12: u as applied in (12), not the law before the gain.
+        sgn18: sgn(e_2o) is in (18).
+        delivered18: The identifier and its copies are told ρ u, not u.
+        limit: Torque at which the actuators saturate, Nm.
+    """
+
+    delta: int
+    xi: int
+    learns: bool
+    trains: bool
+    source: int
+    error13: bool
+    applied12: bool
+    sgn18: bool
+    delivered18: bool
+    limit: float
 
 
 def _build(local_terms: Compiled, forward_dynamics: Compiled) -> tuple[Compiled, Compiled]:
@@ -86,7 +115,7 @@ def _build(local_terms: Compiled, forward_dynamics: Compiled) -> tuple[Compiled,
     ) -> None:  # fmt: skip
         """Rates ``dz`` and signals ``sig`` (SIGNALS, 2) at time t and state z (2, states)."""
         offset, amplitude, omega, phase = motion
-        robust, adapting, source = mode
+        source = mode.source
         fit_centres, fit_width, fit_f, fit_g, fit_h = fit
         vectors, matrix, sigma, fit_sigma = work
         q, v, desired = vectors[0], vectors[1], vectors[2:5]
@@ -106,7 +135,8 @@ def _build(local_terms: Compiled, forward_dynamics: Compiled) -> tuple[Compiled,
             basis.gaussian(q[i], v[i], _CENTRES, p.inv_width1, p.inv_width2, sigma)
             wf, wg = basis.network(x[W_F], sigma), basis.network(x[W_G], sigma)
             f_hat, g_hat = rates.models(p, 1.0, 0.0, wf, wg)
-            delta, xi = (0.0, 0.0) if robust == REMOVED else (x[DELTA], x[XI])
+            delta = 0.0 if mode.delta == REMOVED else x[DELTA]
+            xi = 0.0 if mode.xi == REMOVED else x[XI]
             e2 = v[i] - desired[1, i]
             u = rates.torque(p, s, e2, desired[2, i], f_hat, g_hat, delta, xi)
             wanted = 1.0
@@ -115,22 +145,32 @@ def _build(local_terms: Compiled, forward_dynamics: Compiled) -> tuple[Compiled,
                 wanted = gain.target(rho_hat, p.rho_min, p.rho_max)
             elif source == TRUE_GAIN:
                 wanted = gain.target(rho, p.rho_min, p.rho_max)
-            told = wanted * u
+            told = min(max(wanted * u, -mode.limit), mode.limit)
             tau[i] = rho * told
             # adaptation (11)-(14)
             drive_delta, drive_xi = rates.bound_drives(p, s)
-            drive_f, drive_g = rates.weight_drives(p, s, u)
-            learns = 1.0 if robust == ON else 0.0
-            dx[DELTA] = learns * law.bound_rate(x[DELTA], drive_delta, p.leak_delta)
-            dx[XI] = learns * law.bound_rate(x[XI], drive_xi, p.leak_xi)
+            if mode.error13:
+                size = law.magnitude(q[i] - desired[0, i], p.dead_zone)
+                big_s = law.interconnection_bound(s, p.s_bound)
+                drive_delta = law.interconnection_drive(p.gamma_delta, size, big_s)
+            drive_f, drive_g = rates.weight_drives(p, s, told if mode.applied12 else u)
+            learns = 1.0 if mode.learns else 0.0
+            moves_delta = 1.0 if mode.delta == ON else 0.0
+            moves_xi = 1.0 if mode.xi == ON else 0.0
+            dx[DELTA] = moves_delta * law.bound_rate(x[DELTA], drive_delta, p.leak_delta)
+            dx[XI] = moves_xi * law.bound_rate(x[XI], drive_xi, p.leak_xi)
             # identifier (18), (21)-(23)
             e1o, e2o = q[i] - x[X1O], v[i] - x[X2O]
             f_o[0], g_o[0] = basis.network(x[W_FO], sigma), basis.network(x[W_GO], sigma)
             corr = rates.identifier_correction(p, e2o, x[DELTA_O])
+            if not mode.sgn18:
+                big_e = law.interconnection_bound(e2o, p.s_bound)
+                corr = identifier.correction(x[DELTA_O], big_e, 1.0, p.l2, e2o)
+            seen = tau[i] if mode.delivered18 else told
             dx[X1O] = identifier.rate1(x[X2O], p.l1, e1o)
-            dx[X2O] = identifier.rate2(f_o[0], g_o[0], told, corr)
-            drive_fo, drive_go = rates.identifier_weight_drives(p, e2o, told)
-            trains = 1.0 if adapting else 0.0
+            dx[X2O] = identifier.rate2(f_o[0], g_o[0], seen, corr)
+            drive_fo, drive_go = rates.identifier_weight_drives(p, e2o, seen)
+            trains = 1.0 if mode.trains else 0.0
             dx[DELTA_O] = trains * law.bound_rate(
                 x[DELTA_O], rates.identifier_bound_drive(p, e2o), p.leak_o
             )
@@ -150,7 +190,7 @@ def _build(local_terms: Compiled, forward_dynamics: Compiled) -> tuple[Compiled,
             g_o[4] = basis.network(fit_g[i], fit_sigma)
             if fit_h:
                 f_o[4] += f_o[1] - f_o[2]
-            joint_observers(p, x, dx, forms, f_o, g_o, rho, told, p.l1 * e1o, corr)
+            joint_observers(p, x, dx, forms, f_o, g_o, rho, seen, p.l1 * e1o, corr)
             sig[S, i], sig[U, i], sig[U_CMD, i], sig[RHO_TRUE, i] = s, u, told, rho
             sig[F_O, i], sig[G_O, i], sig[E1O, i], sig[E2O, i] = f_o[0], g_o[0], e1o, e2o
             sig[QD, i], sig[VD, i], sig[AD, i] = desired[0, i], desired[1, i], desired[2, i]
