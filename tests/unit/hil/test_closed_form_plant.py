@@ -27,6 +27,19 @@ def test_pendulum_falls_as_the_printed_state_form_says() -> None:
     np.testing.assert_allclose(plant.v, expected, rtol=1e-12)
 
 
+def test_pendulum_beside_a_braked_one_keeps_its_damping_and_its_spring() -> None:
+    q0, v0 = np.array([0.0, np.pi / 2]), np.array([2.0, 0.0])
+    plant = plant_of(PENDULUMS, q0, v0, closed=(1,), substeps=1)
+    plant.advance(1)
+    # Ends of the spring at (0, 0.1) and (1.1, 0): it pulls to the right and down.
+    stretch = np.sqrt(1.22) - 1.0
+    tension = 30.0 * (1.0 + 0.01 * stretch**2) * stretch
+    expected = 4.0 * tension * 0.1 * 1.1 / np.sqrt(1.22) - 0.036 * 2.0
+    assert (plant.v[0] - 2.0) / PERIOD == pytest.approx(expected, rel=1e-9)
+    assert plant.q[1] == np.pi / 2
+    assert plant.v[1] == 0.0
+
+
 @pytest.mark.parametrize("closed", [(), (0,), (1,), (0, 1)])
 @pytest.mark.parametrize("friction", [{}, {"viscous": 0.3, "coulomb": (0.4, 0.1)}])
 def test_arm_moves_as_its_urdf_brakes_and_friction_included(
