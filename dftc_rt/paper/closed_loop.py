@@ -21,7 +21,7 @@ from scipy.integrate import solve_ivp
 
 from dftc_rt.config.scenario import ReferenceTable
 from dftc_rt.control import layout, settings
-from dftc_rt.dynamics.closed_form.plants import CLOSED_FORMS
+from dftc_rt.dynamics.closed_form.plants import CLOSED_FORMS, Compiled
 from dftc_rt.errors import InputError
 from dftc_rt.paper import observers
 from dftc_rt.paper.examples import EXAMPLES, IDENTIFIER_STATE, Q0, Example
@@ -207,6 +207,10 @@ class ClosedLoop:
         self._phase = (
             self._par, self._motion, fault, mode, self._forms, self._fit, self._work,
         )  # fmt: skip
+
+    def compiled(self) -> tuple[Compiled, tuple[Any, ...]]:
+        """Right-hand side ``(t, z, dz, sig, *rest)`` and its ``rest``, for a compiled solver."""
+        return self._rhs, self._phase
 
     def rates(self, t: float, z: F64) -> F64:
         """Right-hand side at time t, s, and state z (2 states,)."""
