@@ -201,7 +201,8 @@ def finish(opened: Session, ended: Ended, *, report: bool, json: bool) -> int:
     except DftcError as error:
         if outcome.reason and outcome.end_state != "failed":
             print(f"{outcome.end_state}: {outcome.reason}", file=sys.stderr)
-        print(f"no summary: {error}", file=sys.stderr)
+        unarmed = outcome.end_state == "interrupted" and not outcome.counters.cycles
+        print(f"no summary: {'no cycle was run' if unarmed else error}", file=sys.stderr)
         return code or 1
     if note:
         print(note, file=sys.stderr)

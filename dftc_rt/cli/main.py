@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+from types import FrameType
+from typing import TYPE_CHECKING
 
-from cyclopts import App, Parameter
-
-from dftc_rt.cli import analyze, control, doctor, hil, recover, report, rig, robots, simulate
+from dftc_rt.cli import streams
 from dftc_rt.errors import DftcError
+
+if TYPE_CHECKING:
+    from cyclopts import App
+
+# Everything else is imported in build(): that takes a second, and Ctrl-C must work in it.
 
 
 def build() -> App:
     """Return the command-line application."""
+    from cyclopts import App, Parameter
+
+    from dftc_rt.cli import analyze, control, doctor, hil, recover, report, rig, robots, simulate
+
     app = App(
         name="dftc",
         help="Decentralised fault-tolerant control for URDF robots.",
@@ -21,6 +31,7 @@ def build() -> App:
         print_error=False,
         exit_on_error=False,
         result_action="return_value",
+        suppress_keyboard_interrupt=False,  # run() says so
         # A flag has a negative form only where it is on by default.
         default_parameter=Parameter(negative=()),
     )
@@ -41,17 +52,27 @@ def build() -> App:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit."""
-    sys.exit(run(sys.argv[1:] if arguments is None else arguments))
+    streams.guard()
+    before = signal.getsignal(signal.SIGINT)
+    if before is signal.default_int_handler:
+        # An exception may be swallowed or reported by whatever is being imported.
+        signal.signal(signal.SIGINT, _leave)
+    app = build()
+    if before is signal.default_int_handler:
+        signal.signal(signal.SIGINT, before)
+    sys.exit(run(sys.argv[1:] if arguments is None else arguments, app))
 
 
-def run(arguments: list[str]) -> int:
+def run(arguments: list[str], app: App | None = None) -> int:
     """Run one command; return its exit code, having printed any error as one line."""
     from cyclopts import CycloptsError
 
     try:
-        code = build()(arguments)
+        code = (app or build())(arguments)
         sys.stdout.flush()
         return int(code or 0)
+    except streams.OutputError as error:
+        return streams.answer(error)
     except DftcError as error:
         print(f"dftc: {error}", file=sys.stderr)
         return error.exit_code
@@ -59,8 +80,11 @@ def run(arguments: list[str]) -> int:
         print(f"dftc: {' '.join(str(error).split())} (see 'dftc --help')", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
+        print("dftc: interrupted", file=sys.stderr)
         return 130
-    except BrokenPipeError:
-        # The reader of our output has gone; there is nobody to tell.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    """End at once: nothing has been started yet."""
+    print("dftc: interrupted", file=sys.stderr, flush=True)
+    os._exit(130)

@@ -99,7 +99,11 @@ def simulate(
 
 
 def run_simulation(
-    opened: Session, recorder: Recorder | None = None, *, progress: bool = True
+    opened: Session,
+    recorder: Recorder | None = None,
+    *,
+    progress: bool = True,
+    abort: bool = False,
 ) -> tuple[Run, Outcome]:
     """Run a session to its end; SIGINT and SIGTERM stop it safely.
 
@@ -107,6 +111,7 @@ def run_simulation(
         opened: From :func:`dftc_rt.cli.session.open_session`.
         recorder: Also write the run here.
         progress: Show a progress bar on a terminal.
+        abort: End by KeyboardInterrupt when asked to stop, instead of coming to rest.
 
     Raises:
         DriveError: A drive refuses its set-up.
@@ -126,7 +131,7 @@ def run_simulation(
     motion = np.empty((3, opened.robot.n))
     opened.parts.reference.target(0.0, motion)
     joined = in_process_rig(opened.scenario, opened.robot, motion, truth, event)
-    with _StopOnSignal() as stop, _Bar(opened, cycles, progress) as tick:
+    with _StopOnSignal(abort) as stop, _Bar(opened, cycles, progress) as tick:
 
         def stop_requested() -> bool:
             tick()
@@ -164,7 +169,7 @@ def warm_up(opened: Session) -> None:
     short = msgspec.structs.replace(opened.scenario, duration_s=0.02)
     brief = dataclasses.replace(opened, scenario=short)
     with _SayIfSlow("compiling the kernels; once per installation, this takes a minute or so"):
-        _, outcome = run_simulation(brief, progress=False)
+        _, outcome = run_simulation(brief, progress=False, abort=True)
     if outcome.end_state == "interrupted":
         raise KeyboardInterrupt
 
@@ -186,8 +191,9 @@ class _SayIfSlow:
 class _StopOnSignal:
     """Turns SIGINT and SIGTERM into a request; the handlers before come back at the end."""
 
-    def __init__(self) -> None:
+    def __init__(self, abort: bool) -> None:
         self.requested = False
+        self._abort = abort
 
     def __enter__(self) -> _StopOnSignal:
         self._before = {s: signal.signal(s, self._on) for s in STOP_SIGNALS}
@@ -199,6 +205,8 @@ class _StopOnSignal:
 
     def _on(self, number: int, frame: FrameType | None) -> None:
         self.requested = True
+        if self._abort:
+            raise KeyboardInterrupt
 
 
 class _Bar(AbstractContextManager[Callable[[], None]]):

@@ -132,12 +132,23 @@ class Launcher:
             for ring in self._rings.events:
                 ring.end()
             self._ended.recorder = self._finish(recorder)
+        except BaseException:
+            self._come_to_rest(children)  # whatever went wrong here, the robot is not dropped
+            raise
         finally:
             for child in children:
                 child.kill()
             for number, handler in before.items():
                 signal.signal(number, handler)
         return self._ended
+
+    def _come_to_rest(self, children: list[Child]) -> None:
+        """Ask the controller for a safe stop, and give it the time."""
+        self._flags.stop = True
+        deadline = time.monotonic() + _STOP_PATIENCE_S
+        alive = [child for child in children if child.name == "dftc-controller"]
+        while any(child.poll() is None for child in alive) and time.monotonic() < deadline:
+            time.sleep(_LOOK_S)
 
     def _start_recorder(self, role: Callable[[Path], dict[str, Any]]) -> Child:
         logs, path, number = self._ended.logs, self._log, 1

@@ -1,0 +1,128 @@
+"""Standard streams that are closed, full or broken, and Ctrl-C before anything has begun."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dftc_rt.cli.processes.child import Flags
+from dftc_rt.cli.processes.launcher import Launcher
+from dftc_rt.cli.processes.roles import Rings
+from dftc_rt.cli.session import open_session
+from tests.integration.commands import DFTC
+
+SHORT = "simulate ur5_elbow_loss --set duration_s=0.1 --set fault=[]"
+
+
+def shell(line: str) -> subprocess.CompletedProcess[str]:
+    """Run a line in which $dftc is the command, by a shell that reports the first of a pipe."""
+    script = f'set -o pipefail; dftc="{DFTC}"; {line}'
+    return subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=60)
+
+
+@pytest.mark.parametrize("command", ["robots", "--version", SHORT])
+def test_a_full_disk_is_one_line(command: str) -> None:
+    done = shell(f"$dftc {command} > /dev/full")
+    assert done.returncode == 1
+    assert done.stderr == "dftc: standard output: cannot be written: No space left on device\n"
+
+
+@pytest.mark.parametrize("command", ["robots --json", SHORT])
+def test_a_closed_output_is_one_line(command: str) -> None:
+    done = shell(f"$dftc {command} >&-")
+    assert done.returncode == 1
+    assert done.stderr == "dftc: standard output: cannot be written: Bad file descriptor\n"
+
+
+@pytest.mark.parametrize("command", ["robots", "robots --json"])
+def test_nobody_reading_is_quiet(command: str) -> None:
+    done = shell(f"$dftc {command} | true")
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+@pytest.mark.parametrize("place", ["2>&-", "2>/dev/full", "2> >(true)"])
+def test_diagnostics_that_nobody_gets_change_nothing(place: str) -> None:
+    done = shell(f"$dftc bogus {place}")
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", "")
+
+
+def test_a_run_goes_on_without_diagnostics() -> None:
+    done = shell(f"$dftc {SHORT} --json 2>&-")
+    assert done.returncode == 0
+    assert done.stdout.startswith("{")
+
+
+def test_a_log_never_gets_the_place_of_a_closed_stream(tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    shell(f"$dftc {SHORT} --log {log} <&- >&- 2>&-")
+    assert log.read_bytes().startswith(b"\x89MCAP0\r\n")
+    assert log.read_bytes().endswith(b"\x89MCAP0\r\n")
+
+
+def test_a_terminal_without_greek_gets_a_summary() -> None:
+    done = shell(f"PYTHONIOENCODING=ascii $dftc {SHORT}")
+    assert done.returncode == 0
+    assert "?s (p50" in done.stdout
+
+
+@pytest.mark.parametrize(
+    "when",
+    [
+        # While modules are loaded, even where an exception would be swallowed.
+        "class Finder:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'dftc_rt.cli.hil':\n"
+        "            try:\n"
+        "                interrupt()\n"
+        "            except BaseException:\n"
+        "                pass\n"
+        "sys.meta_path.insert(0, Finder())\n",
+        # While the scenario is loaded.
+        "import dftc_rt.cli.session as session\n"
+        "session.load_robot = lambda **_: interrupt()\n",
+        # While the kernels are compiled.
+        "import dftc_rt.cli.simulate as simulate\n"
+        "simulate.connect = lambda *_: interrupt()\n",
+    ],
+    ids=["imports", "loading", "warming up"],
+)  # fmt: skip
+def test_ctrl_c_before_the_run_is_one_line(when: str, tmp_path: Path) -> None:
+    script = (
+        "import os, signal, sys\n"
+        "from dftc_rt.cli.main import main\n"
+        "def interrupt():\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        f"{when}main(['hil', 'ur5_elbow_loss', '--set', 'duration_s=0.1'])\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
+    assert (done.returncode, done.stderr) == (130, "dftc: interrupted\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_launcher_that_fails_lets_the_robot_come_to_rest(tmp_path: Path) -> None:
+    opened = open_session("ur5_elbow_loss")
+    flags, rested = Flags(), tmp_path / "rested"
+
+    def controller() -> dict[str, object]:
+        flags.running = True
+        while not flags.stop:
+            os.sched_yield()
+        rested.touch()
+        return {}
+
+    def watch(rings: Rings) -> None:
+        if flags.running:
+            raise OSError("the terminal has gone")
+
+    launcher = Launcher(
+        Rings.create(opened), flags, controller, None, lambda path: {}, tmp_path / "x", watch
+    )
+    with pytest.raises(OSError, match="the terminal has gone"):
+        launcher.run()
+    assert rested.exists()
