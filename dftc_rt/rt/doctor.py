@@ -41,11 +41,10 @@ REQUIRED: Final = (
 )  # fmt: skip
 
 OPTIONAL: Final = {
-    "matplotlib": ("figures", "dftc paper draws no figures"),
-    "viser": ("view", "no live page (--view)"),
-    "distributed": ("cluster", "dftc campaign runs on this machine only"),
-    "mujoco": ("bench", "dftc benchmark has no floor for the plant's speed"),
+    "matplotlib": ("figures", "no figures as images; reports have theirs all the same"),
+    "mujoco": ("bench", "make benchmark has no floor for the plant's speed"),
 }
+"""Module -> extra, and what is lost; an extra that nothing uses yet is not asked for."""
 
 
 def python(machine: Machine) -> Check:
@@ -244,7 +243,7 @@ def cyclictest(machine: Machine) -> Check:
         "cyclictest",
         bool(path),
         path or "not installed",
-        "dftc benchmark has no floor for wake-up lateness",
+        "make benchmark has no floor for wake-up lateness",
         "apt-get install rt-tests",
     )
 

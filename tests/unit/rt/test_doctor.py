@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import pytest
 
 from dftc_rt.cli import doctor as command
+from dftc_rt.cli.main import build
 from dftc_rt.rt.doctor import OPTIONAL, REQUIRED, Check, examine
 from dftc_rt.rt.machine import Machine
 
@@ -136,6 +138,22 @@ def test_full_real_time_share_is_accepted(runtime: str) -> None:
 def test_one_writable_kernel_cache_is_enough() -> None:
     checks = {c.name: c for c in examine(FakeMachine(unwritable=("/package",)))}
     assert checks["numba cache"].found == "/cache"
+
+
+def test_only_what_is_built_is_named() -> None:
+    app = build()
+    nothing = FakeMachine(
+        cores=1, kernel_caches=(), files={}, modules=frozenset(), programs=(), links=(),
+        fifo="no", mlockall="no", can="no", seqpacket="no", directory="no",
+    )  # fmt: skip
+    text = "\n".join(f"{check.means}\n{check.remedy}" for check in examine(nothing))
+    commands = set(re.findall(r"\bdftc ([a-z]+)", text))
+    assert commands >= {"rig", "control", "hil"}
+    assert commands <= set(app)
+    options = set(re.findall(r"(--(?:bus|view|lockstep)[a-z-]*)", text))
+    assert options <= {"--bus", "--bus-dir", "--lockstep"}
+    for target in re.findall(r"\bmake ([a-z-]+) has", text):
+        assert f"\n{target}:" in (Path(__file__).parents[3] / "Makefile").read_text()
 
 
 def test_json_is_one_object_and_exit_code_tells_essentials(
