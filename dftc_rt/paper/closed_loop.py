@@ -88,6 +88,7 @@ class Solution:
         end: State at the end, as the solver has it.
         evaluations: Evaluations of the right-hand side.
         failed: What the solver said if it gave up before the end; else None.
+        observers: Names of the observers that ran along.
     """
 
     example: Example
@@ -101,6 +102,7 @@ class Solution:
     end: F64
     evaluations: int
     failed: str | None
+    observers: tuple[str, ...] = observers.NAMES
 
     def error(self, joint: int) -> F64:
         """Tracking error q - q_d of a joint (0 or 1), (K,), rad."""
@@ -108,8 +110,8 @@ class Solution:
         return e
 
     def estimate(self, name: str, joint: int = 0) -> F64:
-        """ρ̂ of an observer by name, (K,)."""
-        rho: F64 = self.rho_hat[:, observers.NAMES.index(name), joint]
+        """ρ̂ of an observer that ran along, by name, (K,)."""
+        rho: F64 = self.rho_hat[:, self.observers.index(name), joint]
         return rho
 
     def window(self, start_s: float, end_s: float = np.inf) -> NDArray[np.bool_]:
@@ -254,18 +256,24 @@ def parameters(epsilon: float, gains: dict[str, Any]) -> Any:
     return layout.allocate(parsed, joints, ftc=True).parameters
 
 
-def solve(variant: Variant, rtol: float = 1e-6, atol: float = 1e-8) -> Solution:
+def solve(
+    variant: Variant,
+    rtol: float = 1e-6,
+    atol: float = 1e-8,
+    readings: Sequence[ObserverReading] = observers.READINGS,
+) -> Solution:
     """Integrate a variant with SciPy's Radau and sample it.
 
     Args:
         variant: What is to be simulated.
         rtol: Relative tolerance.
         atol: Absolute tolerance.
+        readings: Observers that run along; fewer take less time.
 
     Raises:
         InputError: A name or a gain of the variant is wrong.
     """
-    loop = ClosedLoop(variant)
+    loop = ClosedLoop(variant, readings)
     example = loop.example
     times = np.arange(round(example.duration_s / SAMPLE_S) + 1) * SAMPLE_S
     z = loop.initial()
@@ -294,9 +302,10 @@ def solve(variant: Variant, rtol: float = 1e-6, atol: float = 1e-8) -> Solution:
             parts[-1] = (result.t[:-1], states[:-1], signals[:-1])
     t, states, signals = (np.concatenate(column) for column in zip(*parts, strict=True))
     joints = states.reshape(len(t), 2, -1)
-    heads = [BASE + PER_OBSERVER * r + RHO for r in range(len(observers.READINGS))]
+    heads = [BASE + PER_OBSERVER * r + RHO for r in range(len(readings))]
     return Solution(
         example, variant, t, joints[:, :, X1], joints[:, :, X2], signals,
         np.moveaxis(joints[:, :, heads], 1, 2), example.effectiveness(t) if variant.fault
         else np.ones(len(t)), states[-1], loop.evaluations, failed,
+        tuple(reading.name for reading in readings),
     )  # fmt: skip
