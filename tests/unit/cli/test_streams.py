@@ -18,6 +18,13 @@ from tests.integration.commands import DFTC
 SHORT = "simulate ur5_elbow_loss --set duration_s=0.1 --set fault=[]"
 
 
+def said(done: subprocess.CompletedProcess[str]) -> str:
+    """Return the one line on stderr; on a fresh machine another says that kernels compile."""
+    lines = [line for line in done.stderr.splitlines() if "compiling the kernels" not in line]
+    assert len(lines) == 1, done.stderr
+    return lines[0]
+
+
 def shell(line: str) -> subprocess.CompletedProcess[str]:
     """Run a line in which $dftc is the command, by a shell that reports the first of a pipe."""
     script = f'set -o pipefail; dftc="{DFTC}"; {line}'
@@ -28,14 +35,14 @@ def shell(line: str) -> subprocess.CompletedProcess[str]:
 def test_a_full_disk_is_one_line(command: str) -> None:
     done = shell(f"$dftc {command} > /dev/full")
     assert done.returncode == 1
-    assert done.stderr == "dftc: standard output: cannot be written: No space left on device\n"
+    assert said(done) == "dftc: standard output: cannot be written: No space left on device"
 
 
 @pytest.mark.parametrize("command", ["robots --json", SHORT])
 def test_a_closed_output_is_one_line(command: str) -> None:
     done = shell(f"$dftc {command} >&-")
     assert done.returncode == 1
-    assert done.stderr == "dftc: standard output: cannot be written: Bad file descriptor\n"
+    assert said(done) == "dftc: standard output: cannot be written: Bad file descriptor"
 
 
 @pytest.mark.parametrize("command", ["robots", "robots --json"])
@@ -86,7 +93,7 @@ def test_a_terminal_without_greek_gets_a_summary() -> None:
         "session.load_robot = lambda **_: interrupt()\n",
         # While the kernels are compiled.
         "import dftc_rt.cli.simulate as simulate\n"
-        "simulate.connect = lambda *_: interrupt()\n",
+        "simulate.connect = lambda *_, **__: interrupt()\n",
     ],
     ids=["imports", "loading", "warming up"],
 )  # fmt: skip
@@ -101,7 +108,8 @@ def test_ctrl_c_before_the_run_is_one_line(when: str, tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=60
     )
-    assert (done.returncode, done.stderr) == (130, "dftc: interrupted\n")
+    assert done.returncode == 130, done.stderr
+    assert said(done) == "dftc: interrupted"
     assert list(tmp_path.iterdir()) == []
 
 
