@@ -13,12 +13,14 @@ from dftc_rt.bus import budget
 from dftc_rt.bus.frame import frame_buffer
 from dftc_rt.bus.inprocess import link as in_process_link
 from dftc_rt.bus.interface import FrameSocket
+from dftc_rt.config.calibration import Calibration, calibration_gains, load_calibration
 from dftc_rt.config.scenario import Scenario
 from dftc_rt.control import laws, signals
 from dftc_rt.control.interface import Law
 from dftc_rt.drives.interface import DriveSetup, SetUp, profile
-from dftc_rt.drives.scale import TORQUE_PER_COUNT, ScaleTable
+from dftc_rt.drives.scale import MAX_COUNTS, TORQUE_PER_COUNT, ScaleTable
 from dftc_rt.drives.wiring import bus_members, bus_names, drive_configs, joint_scales
+from dftc_rt.dynamics.calibrated import calibrated
 from dftc_rt.dynamics.interface import JointTerms
 from dftc_rt.dynamics.model import Robot
 from dftc_rt.dynamics.select import local_terms, whole_body
@@ -56,17 +58,32 @@ class Parts:
     torque_limit: F64
 
 
-def prepare(scenario: Scenario, robot: Robot) -> Parts:
+def prepare(scenario: Scenario, robot: Robot, calibration: Calibration | None = None) -> Parts:
     """Build and check everything that needs no drive.
+
+    Args:
+        scenario: The resolved scenario.
+        robot: The nominal robot.
+        calibration: In place of the scenario's ``control.calibration``.
 
     Raises:
         InputError: The scenario does not fit the robot, or a bus would be overloaded.
     """
     check_budget(scenario, robot)
-    scales = ScaleTable.of(joint_scales(robot.joint_config))
-    resolution = np.abs(scales.values[TORQUE_PER_COUNT])
-    limit = np.floor(robot.torque_limit / resolution * (1 + 1e-12)) * resolution
     control = scenario.control
+    gains: dict[str, Any] = dict(robot.gains)
+    where = control.calibration or "calibration"
+    if calibration is None and control.calibration is not None:
+        calibration = load_calibration(where)
+    if calibration is not None:
+        robot = calibrated(robot, calibration, where)
+        gains |= calibration_gains(calibration, where)
+    scales = ScaleTable.of(joint_scales(robot.joint_config, robot.torque_constant))
+    resolution = np.abs(scales.values[TORQUE_PER_COUNT])
+    counts = np.minimum(
+        np.floor(robot.torque_limit / resolution * (1 + 1e-12)), scales.values[MAX_COUNTS]
+    )
+    limit = counts * resolution
     if control.local_terms == "tabulated":
         refuse_closed_form(robot)
     law = laws.build(
@@ -76,12 +93,13 @@ def prepare(scenario: Scenario, robot: Robot) -> Parts:
         limit,
         resolution,
         np.array([j.delay_cycles for j in robot.joint_config], dtype=np.int64),
-        {**robot.gains, **_tuples(control.gains)},
+        {**gains, **_tuples(control.gains)},
         control.ftc,
         robot.lower,
         robot.upper,
         robot.velocity_limit,
         whole_body(robot).inverse_dynamics,
+        None if robot.friction is None else robot.friction.add_to,
     )
     reference = Reference(scenario.reference, robot.home)
     check_reference(reference, robot, scenario.duration_s)
@@ -173,7 +191,7 @@ def connect(
     )
     warm_up(scenario, parts)
     chosen = profile(scenario.bus.profile)
-    drives = drive_configs(robot.joint_config)
+    drives = drive_configs(robot.joint_config, robot.torque_constant)
     rate = scenario.executor.rate_hz
     setup = chosen.setup(sockets, drives, rate)
     try:
@@ -200,7 +218,7 @@ def _assemble(
 ) -> Executor:
     """Put the executor together around drives that are switched on, not enabled."""
     robot, rate = parts.robot, scenario.executor.rate_hz
-    drives = drive_configs(robot.joint_config)
+    drives = drive_configs(robot.joint_config, robot.torque_constant)
     chosen = profile(scenario.bus.profile)
 
     def report(source: str, text: str) -> None:
@@ -248,7 +266,7 @@ def _tabulate(scenario: Scenario, parts: Parts) -> TabulatedTerms | None:
 def warm_up(scenario: Scenario, parts: Parts) -> None:
     """Call everything the loop calls once, so that nothing compiles or loads in it."""
     robot, n = parts.robot, parts.robot.n
-    drives = drive_configs(robot.joint_config)
+    drives = drive_configs(robot.joint_config, robot.torque_constant)
     pairs = [in_process_link(name) for name in bus_names(robot.joint_config)]
     cycle = profile(scenario.bus.profile).cycle(drives, len(pairs), scenario.executor.rate_hz)
     link = DriveLink([near for near, _ in pairs], cycle, FakeClock(), 0.0, lambda *_: None)

@@ -58,6 +58,7 @@ class ControlTable(_Strict, frozen=True):
     ftc: bool = True
     interconnection: Literal["frozen", "desired", "measured"] = "desired"
     local_terms: Literal["exact", "tabulated"] = "exact"
+    calibration: str | None = None
     gains: dict[str, Any] = {}
 
 

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from dftc_rt.control import derate, settings
-from dftc_rt.control.baselines.computed_torque import ComputedTorque, InverseDynamics
+from dftc_rt.control.baselines.computed_torque import AddFriction, ComputedTorque, InverseDynamics
 from dftc_rt.control.dftc import Dftc
 from dftc_rt.control.interface import F64, Law
 from dftc_rt.control.layout import Joints
@@ -31,6 +31,7 @@ def build(
     q_upper: F64,
     velocity_limit: F64,
     inverse_dynamics: InverseDynamics | None = None,
+    add_friction: AddFriction | None = None,
 ) -> Law:
     """Make a law by name.
 
@@ -49,6 +50,8 @@ def build(
         inverse_dynamics: (q, v, a) to torque of the whole robot, in (n,) each. Needed by
             ``computed_torque``; given to any law, it lowers λ and k at set-up to what the
             coupled robot holds (setting ``delay_phase``).
+        add_friction: Adds the calibrated friction at a velocity to a torque; None: none is
+            assumed. The law ``dftc`` has it in ``bias``.
 
     Raises:
         InputError: The name is unknown, or a value is wrong.
@@ -80,7 +83,7 @@ def build(
     if name == "computed_torque":
         if inverse_dynamics is None:
             raise InputError("control.law", "computed_torque", "a model of the whole robot")
-        return ComputedTorque(joints, gains, inverse_dynamics)
+        return ComputedTorque(joints, gains, inverse_dynamics, add_friction)
     return Dftc(joints, gains, ftc=ftc, printed=name == "paper")
 
 

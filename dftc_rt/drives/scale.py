@@ -39,6 +39,9 @@ MAX_COUNTS: Final = 3  # largest |6071h| that may be commanded, per mille of rat
 ROWS: Final = 4
 
 _INT16_MAX = 32767
+_POSITIVE = (
+    "counts_per_rev", "gear", "rated_torque_nm", "max_torque_nm", "torque_constant",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +56,8 @@ class JointScale:
         zero_offset_rad: Encoder reading, in joint units, at q = 0, rad.
         rated_torque_nm: Rated torque at the joint, Nm (6076h, there in mNm).
         max_torque_nm: Largest torque to be commanded, Nm (6072h).
+        torque_constant: True over nominal torque constant, from a calibration: a command of
+            the nominal torque delivers this much of it. The drive's own objects stay nominal.
     """
 
     joint: str
@@ -62,6 +67,7 @@ class JointScale:
     gear: float = 1.0
     sign: int = 1
     zero_offset_rad: float = 0.0
+    torque_constant: float = 1.0
 
     def __post_init__(self) -> None:
         """Check every value.
@@ -69,7 +75,7 @@ class JointScale:
         Raises:
             InputError: A value is out of its range.
         """
-        for name in ("counts_per_rev", "gear", "rated_torque_nm", "max_torque_nm"):
+        for name in _POSITIVE:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise InputError(f"{self.joint}.{name}", repr(value), "a number above 0")
@@ -118,7 +124,9 @@ class ScaleTable:
         for i, joint in enumerate(joints):
             values[RAD_PER_COUNT, i] = joint.sign * math.tau / (joint.counts_per_rev * joint.gear)
             values[ZERO_OFFSET, i] = joint.zero_offset_rad
-            values[TORQUE_PER_COUNT, i] = joint.sign * joint.rated_torque_nm / 1000.0
+            values[TORQUE_PER_COUNT, i] = (
+                joint.sign * joint.rated_torque_nm * joint.torque_constant / 1000.0
+            )
             values[MAX_COUNTS, i] = joint.max_counts
         return cls(values)
 

@@ -12,8 +12,14 @@ from dftc_rt.drives.interface import DriveConfig
 from dftc_rt.drives.scale import JointScale
 
 
-def joint_scales(joints: Sequence[JointConfig]) -> list[JointScale]:
+def joint_scales(
+    joints: Sequence[JointConfig], torque_constant: Sequence[float] | None = None
+) -> list[JointScale]:
     """Return the data sheets of the drives, in joint order.
+
+    Args:
+        joints: The joints.
+        torque_constant: True over nominal, (n,), from a calibration; None: 1.
 
     Raises:
         InputError: A value is out of what the drive can express.
@@ -27,13 +33,20 @@ def joint_scales(joints: Sequence[JointConfig]) -> list[JointScale]:
             gear=j.gear,
             sign=j.sign,
             zero_offset_rad=j.zero_offset_rad,
+            torque_constant=constant,
         )
-        for j in joints
+        for j, constant in zip(joints, torque_constant or [1.0] * len(joints), strict=True)
     ]
 
 
-def drive_configs(joints: Sequence[JointConfig]) -> list[DriveConfig]:
+def drive_configs(
+    joints: Sequence[JointConfig], torque_constant: Sequence[float] | None = None
+) -> list[DriveConfig]:
     """Return the drives, in joint order, with their buses by index.
+
+    Args:
+        joints: The joints.
+        torque_constant: As of :func:`joint_scales`.
 
     Raises:
         InputError: A value is out of what the drive can express.
@@ -41,7 +54,7 @@ def drive_configs(joints: Sequence[JointConfig]) -> list[DriveConfig]:
     names = bus_names(joints)
     return [
         DriveConfig(j.node_id, names.index(j.bus), scale)
-        for j, scale in zip(joints, joint_scales(joints), strict=True)
+        for j, scale in zip(joints, joint_scales(joints, torque_constant), strict=True)
     ]
 
 

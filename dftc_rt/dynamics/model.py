@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from dftc_rt.config.robot import JointConfig, Profile
 from dftc_rt.dynamics.closed_form.plants import ClosedForm
+from dftc_rt.dynamics.friction import Friction
 from dftc_rt.dynamics.urdf import Urdf
 from dftc_rt.errors import InputError
 
@@ -47,6 +48,8 @@ class Robot:
         gains: Gains from ``robot.toml``.
         locked: Joints that are held fixed, and where, rad (m).
         urdf: The URDF: path, text, all joints.
+        friction: Friction from a calibration; None: none is assumed.
+        torque_constant: (n,) true over nominal torque constant, from a calibration; None: 1.
         package_dirs: Where ``package://`` meshes are found.
         closed_form: Equations of motion that hold instead of the model's; ``model`` is its
             geometry then. None: those of ``model``. :mod:`dftc_rt.dynamics.select` chooses.
@@ -73,6 +76,8 @@ class Robot:
     package_dirs: tuple[Path, ...]
     closed_form: ClosedForm | None
     idx_q: tuple[int, ...] = field(repr=False)
+    friction: Friction | None = None
+    torque_constant: tuple[float, ...] | None = None
 
     @property
     def n(self) -> int:

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from dftc_rt.dynamics.closed_form.local_terms import ClosedFormTerms
 from dftc_rt.dynamics.closed_form.whole_body import ClosedFormBody
+from dftc_rt.dynamics.friction import TermsWithFriction
 from dftc_rt.dynamics.interface import EquationsOfMotion, JointTerms
 from dftc_rt.dynamics.local_terms import LocalTerms
 from dftc_rt.dynamics.model import Robot
@@ -29,10 +30,13 @@ def local_terms(
     Raises:
         InputError: No such ``interconnection``.
     """
+    terms: JointTerms
     if robot.closed_form is None:
-        return LocalTerms(robot, interconnection, frozen_q)
-    frozen = robot.home if frozen_q is None else frozen_q
-    return ClosedFormTerms(robot.closed_form, interconnection, frozen)
+        terms = LocalTerms(robot, interconnection, frozen_q)
+    else:
+        frozen = robot.home if frozen_q is None else frozen_q
+        terms = ClosedFormTerms(robot.closed_form, interconnection, frozen)
+    return terms if robot.friction is None else TermsWithFriction(terms, robot.friction)
 
 
 def whole_body(robot: Robot) -> EquationsOfMotion:

@@ -20,8 +20,8 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from dftc_rt.dynamics.local_terms import LocalTerms
 from dftc_rt.dynamics.model import Robot
+from dftc_rt.dynamics.select import local_terms
 from dftc_rt.dynamics.surrogate import Interconnection, check_interconnection
 from dftc_rt.errors import InputError
 
@@ -116,7 +116,7 @@ class TabulatedTerms:
         self.interconnection = interconnection
         self.inertia = np.zeros(robot.n)
         self.bias = np.zeros(robot.n)
-        self._exact = LocalTerms(robot, interconnection, frozen_q)
+        self._exact = local_terms(robot, interconnection, frozen_q)
         self._reference = qd, vd, ad
         self.motion = np.stack((qd, vd, ad), axis=1)
         if interconnection == "desired":
@@ -125,6 +125,9 @@ class TabulatedTerms:
             frozen = robot.home if frozen_q is None else np.asarray(frozen_q, dtype=np.float64)
             self.table = _around_frozen(robot, frozen, qd, vd)
         _shift_to_zero(self.table, qd, vd)
+        if robot.friction is not None:
+            for row, v in zip(self.table, vd, strict=True):
+                robot.friction.add_to(row[CONSTANT], v)
         evaluate_row(self.table, 0, qd[0], vd[0], self.inertia, self.bias)  # compiles
 
     def update(self, k: int, q: Array, v: Array) -> None:

@@ -32,6 +32,9 @@ from dftc_rt.errors import InputError
 InverseDynamics = Callable[[F64, F64, F64], F64]
 """(q, v, a) in rad, rad/s, rad/s² to torque in Nm, (n,) each."""
 
+AddFriction = Callable[[F64, F64], None]
+"""(torque, v): adds the calibrated friction at v (n,), rad/s, to torque (n,), Nm."""
+
 
 class ComputedTorque:
     """u = RNEA(q, v, q̈_d - (λ + k) ė - k λ e): the linear part of (10) with the full model.
@@ -42,7 +45,11 @@ class ComputedTorque:
     """
 
     def __init__(
-        self, joints: Joints, gains: Mapping[str, Value], inverse_dynamics: InverseDynamics
+        self,
+        joints: Joints,
+        gains: Mapping[str, Value],
+        inverse_dynamics: InverseDynamics,
+        add_friction: AddFriction | None = None,
     ) -> None:
         """Allocate the law.
 
@@ -50,6 +57,7 @@ class ComputedTorque:
             joints: Robot and drives.
             gains: Keys of :data:`dftc_rt.control.settings.NAMES`; ``lam`` and ``k`` are used.
             inverse_dynamics: Torque for a motion, whole robot.
+            add_friction: Friction of a calibrated robot; None: none is assumed.
 
         Raises:
             InputError: A gain is unknown or out of bounds.
@@ -66,6 +74,7 @@ class ComputedTorque:
         self._stepped = stepped
         self._counts = np.floor(joints.torque_limit / self._resolution + 1e-9)
         self._inverse_dynamics = inverse_dynamics
+        self._add_friction = add_friction
 
     def start(self, q: F64, v: F64) -> None:
         """Check the shapes; the law has no state.
@@ -98,6 +107,8 @@ class ComputedTorque:
         rec[S] = self._lam * e1 + e2
         acceleration = rec[AD] - self._lam * e2 - self._k * rec[S]
         u = self._inverse_dynamics(rec[Q], rec[V], acceleration)
+        if self._add_friction is not None:
+            self._add_friction(u, rec[VD])
         if not np.isfinite(u).all():
             return NONFINITE_LAW
         rec[TAU_LAW] = u
