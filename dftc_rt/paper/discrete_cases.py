@@ -2,15 +2,16 @@
 
 In the boundary layer the robust term is a feedback of slope a = (g/ĝ)(δ̂ S + ξ̂)/ε on s. Sampled
 with the step h it is dead beat at h a = 1 and unstable from h a = 2 on. Every value below makes
-h a = ½ where it can be made out in advance, so each holds by a factor of four:
+h a = ½ where it can be made out in advance, a quarter of what is unstable:
 
-- *layer*. (13), (14) keep s² + δ̂²/Γ_δ + ξ̂²/Γ_ξ constant while s is reached, if that is all that
-  happens, so δ̂ + ξ̂ ≤ √(Γ_δ + Γ_ξ) |s(0)|; with g/ĝ, √((Γ_δ + Γ_ξ) ĝ/g) |s(0)|. It must also
-  hold the drift d that f̂ does not know: ε = 2 h max(√((Γ_δ + Γ_ξ) g/ĝ) |s(0)|, (g/ĝ) d).
-- *dead zone*. In the layer |s| = d/a. The adaptation raises a until |s| is below the dead zone w,
-  so w = 2 h d.
-- *leakage*. It stops the growth where (Γ_δ + Γ_ξ) |s| = σ (δ̂ + ξ̂), which is at
-  a² = (Γ_δ + Γ_ξ) d/(σ ε): σ = 4 h² (Γ_δ + Γ_ξ) d/ε.
+- *layer*. While s is reached, (13), (14) keep (g/ĝ) s² + δ̂²/Γ_δ + ξ̂²/Γ_ξ (taken alone) constant,
+  so they leave δ̂ + ξ̂ ≤ √((Γ_δ + Γ_ξ) ĝ/g) |s(0)| behind. It must also hold d, the part of ṡ that
+  the law does not know: ε = 2 h max(√((Γ_δ + Γ_ξ) g/ĝ) |s(0)|, d).
+- *dead zone*. In the layer |s| = d/a. Adaptation raises a until |s| is below the dead zone w:
+  w = 2 h d.
+- *leakage*. It ends the growth where (Γ_δ + Γ_ξ) |s| = σ (δ̂ + ξ̂), which is at
+  a² = (Γ_δ + Γ_ξ) d (g/ĝ)/(σ ε): σ = 4 h² (Γ_δ + Γ_ξ) d (g/ĝ)/ε. For the weights 0.1 1/s, as in
+  the law ``dftc``.
 - *projection* of ĝ to [0.7, 1.4] of the joint's own 1/M_ii, as in the law ``dftc``; so g/ĝ is at
   most (M⁻¹)_ii M_ii/0.7.
 - *saturation* at twice what the reference and the linear feedback of s(0) ask for, and no
@@ -47,6 +48,8 @@ Group = Literal["cumulative", "without", "factor", "other"]
 
 STEPS_S: Final = (1e-3, 1e-4, 1e-5)
 """Steps of the study, s."""
+LONG_S: Final = 200.0
+"""Length of the runs at 1 ms, s: what grows without bound needs longer than the paper's runs."""
 FIVE: Final = ("layer", "projection", "dead zone", "leakage", "saturation")
 """The regularisations, in the order in which they are added."""
 FURTHER: Final = ("ρ̂ clipped", "Γ_ρ", "Γ_go")
@@ -70,11 +73,12 @@ class Scales:
     """What the values are made of, (2,) each, from the example and its plant alone.
 
     Attributes:
-        drift: Largest |f + h| + |q̈_d| + |f̂| along the reference, rad/s².
+        drift: d, largest |g u + (g/ĝ)(f̂ - q̈_d)| along the reference, u being the torque that
+            follows it, ĝ projected, and the weights those of the start, rad/s².
         torque: Largest torque that the reference asks for, Nm.
         inertia: Largest M_ii along it, kg m².
         gain: Largest (M⁻¹)_ii along it, 1/(kg m²).
-        s0: |s(0)|, rad/s.
+        s0: |s(0)|, rad/s: the larger of the two, for both.
     """
 
     drift: F64
@@ -100,24 +104,27 @@ def scales(number: int) -> Scales:
     plant = CLOSED_FORMS[example.plant]
     motion = Reference(ReferenceTable(kind=example.reference, blend_s=0.0), np.zeros(2))
     desired = motion.table(np.arange(0.0, example.duration_s, 0.01))
-    count = len(desired)
-    free, torque, mass = np.empty((count, 2)), np.empty((count, 2)), np.empty((count, 2, 2))
-    known = np.empty((count, 2))
+    torque, mass = np.empty((len(desired), 2)), np.empty((len(desired), 2, 2))
+    known = np.empty((len(desired), 2))
     sigma, centres, width = np.empty(7), basis.diagonal_centres(1)[0], _PRINTED["basis_width"]
-    for k, (q, v, a) in enumerate(desired.copy()):
-        plant.forward_dynamics(q, v, np.zeros(2), free[k])
+    for k, (q, v, a) in enumerate(desired):
         plant.inverse_dynamics(q, v, a, torque[k])
         plant.mass_matrix(q, mass[k])
         for i in range(2):
             basis.gaussian(q[i], v[i], centres, 1.0 / width, 1.0 / width, sigma)
-            known[k, i] = sigma @ np.array(example.w_f)
+            known[k, i] = sigma @ np.array(example.w_f)  # Ŵ_f and Ŵ_g start equal
+    inertia = np.diagonal(mass, axis1=1, axis2=2).max(axis=0)
+    gain = np.diagonal(np.linalg.inv(mass), axis1=1, axis2=2)
+    assumed = np.clip(known, _LEAST / inertia, _MOST / inertia)
+    drift = gain * torque + gain / assumed * (known - desired[:, 2])
     q, v, _ = desired[0]
+    s0 = np.abs(_PRINTED["lam"] * (np.array(Q0) - q) - v)
     return Scales(
-        drift=(np.abs(free) + np.abs(desired[:, 2])).max(axis=0) + np.abs(known).max(axis=0),
+        drift=np.abs(drift).max(axis=0),
         torque=np.abs(torque).max(axis=0),
-        inertia=np.diagonal(mass, axis1=1, axis2=2).max(axis=0),
-        gain=np.diagonal(np.linalg.inv(mass), axis1=1, axis2=2).max(axis=0),
-        s0=np.abs(_PRINTED["lam"] * (np.array(Q0) - q) - v),
+        inertia=inertia,
+        gain=gain.max(axis=0),
+        s0=np.full(2, s0.max()),
     )
 
 
@@ -152,24 +159,28 @@ class Case:
     substeps: int = 4
 
     def settings(self) -> dict[str, Any]:
-        """Gains that differ from the law's own, see docs/notation.md."""
-        if self.law == "dftc":
-            return {"torque_lag_s": 0.0, **self.gains}
-        example = EXAMPLES[self.example]
-        gains: dict[str, Any] = {
-            "torque_lag_s": 0.0, "w_f": example.w_f, "w_g": example.w_f, "w_fo": example.w_fo,
-            "w_go": example.w_go, "x1o_offset": IDENTIFIER_STATE[0] - Q0[0],
-            "x2o_offset": IDENTIFIER_STATE[1],
-        }  # fmt: skip
+        """All gains that differ from the law's own, see docs/notation.md."""
+        gains: dict[str, Any] = {"torque_lag_s": 0.0}
+        if self.law == "paper":
+            example = EXAMPLES[self.example]
+            gains.update(
+                w_f=example.w_f, w_g=example.w_f, w_fo=example.w_fo, w_go=example.w_go,
+                x1o_offset=IDENTIFIER_STATE[0] - Q0[0], x2o_offset=IDENTIFIER_STATE[1],
+            )  # fmt: skip
         if self.scope == "controller":
             gains.update(identifier="off", gamma_rho=0.0)
+        return {**gains, **self.chosen()}
+
+    def chosen(self) -> dict[str, Any]:
+        """Those of them that belong to what is on, or are special to this run."""
+        found: dict[str, Any] = {}
         for name in self.on:
-            gains.update(self._values(name, dict(self.factors).get(name, 1.0)))
-        return {**gains, **self.gains}
+            found.update(self._values(name, dict(self.factors).get(name, 1.0)))
+        return {**found, **self.gains}
 
     def limit(self) -> F64:
         """Torque limit, (2,), Nm."""
-        if "saturation" not in self.on:
+        if "saturation" not in self.on and self.law == "paper":
             return np.full(2, _UNLIMITED)
         return scales(self.example).limit * dict(self.factors).get("saturation", 1.0)
 
@@ -179,7 +190,7 @@ class Case:
         gamma = _PRINTED["gamma_delta"] + _PRINTED["gamma_xi"]
         ratio = scale.gain / (_LEAST / scale.inertia)
         reach = np.sqrt(gamma * ratio) * scale.s0
-        layer = 2.0 * h * np.maximum(reach, ratio * scale.drift)
+        layer = 2.0 * h * np.maximum(reach, scale.drift)
         values: dict[str, Any] = {}
         if name == "layer":
             values = {"layer": layer, "layer_o": layer}
@@ -189,7 +200,7 @@ class Case:
             zone = 2.0 * h * scale.drift
             values = {"dead_zone": zone, "dead_zone_o": zone}
         elif name == "leakage":
-            leak = 4.0 * h * h * gamma * scale.drift / layer
+            leak = 4.0 * h * h * gamma * scale.drift * ratio / layer
             values = {"leak_delta": leak, "leak_xi": leak, "leak_o": leak}
             values.update(leak_f=np.full(2, 0.1), leak_g=np.full(2, 0.1))
         elif name == "saturation":
@@ -215,53 +226,64 @@ def cases(examples: Sequence[int] = (1, 2), *, quick: bool = False) -> list[Case
 
     Args:
         examples: Which examples.
-        quick: Steps of 1 ms only, and nothing that the tables can be read without.
+        quick: Steps of 1 ms only, and neither factors nor other readings.
     """
     found: list[Case] = []
     for number, scope in itertools.product(examples, SCOPES):
+        at_1khz = functools.partial(_at_1khz, number, scope)
         everything = complete(scope)
-        for step, count in itertools.product(
-            STEPS_S[:1] if quick else STEPS_S, range(len(everything) + 1)
-        ):
-            found.append(Case("cumulative", number, scope, step, everything[:count]))
-        single = [(name,) for name in everything]
-        for left_out in [*single, *PAIRS]:
+        for count in range(len(everything) + 1):
+            found.append(at_1khz("cumulative", everything[:count]))
+        for step, count in itertools.product(STEPS_S[1:], range(len(everything) + 1)):
+            if not quick:
+                case = Case("cumulative", number, scope, step, everything[:count], substeps=2)
+                found.append(case)
+        for left_out in [*((name,) for name in everything), *PAIRS]:
             on = tuple(name for name in everything if name not in left_out)
-            found.append(Case("without", number, scope, 1e-3, on, ", ".join(left_out)))
+            found.append(at_1khz("without", on, ", ".join(left_out)))
         if quick:
             continue
         for name, factor in itertools.product(everything, (0.5, 2.0)):
-            label = f"{name} × {factor:g}"
-            found.append(Case("factor", number, scope, 1e-3, everything, label, ((name, factor),)))
+            label, factors = f"{name} × {factor:g}", ((name, factor),)
+            found.append(at_1khz("factor", everything, label, factors=factors))
         found += _others(number, scope)
     return found
 
 
+def _at_1khz(
+    number: int, scope: Scope, group: Group, on: tuple[str, ...], label: str = "", **rest: Any
+) -> Case:
+    """A case at 1 kHz, long enough for δ̂ and ξ̂ to grow out of bounds."""
+    return Case(group, number, scope, STEPS_S[0], on, label, duration_s=LONG_S, **rest)
+
+
 def _others(number: int, scope: Scope) -> list[Case]:
     """Other readings of one example."""
+    other = functools.partial(_at_1khz, number, scope, "other")
     everything = complete(scope)
-    small = {"gamma_delta": 2.0, "gamma_xi": 2.0, "gamma_delta_o": 2.0}
-    least = ("layer", "projection", "dead zone")
     if scope == "controller":
+        slow = functools.partial(
+            other, label="Γ_δ = Γ_ξ = 2 1/s", gains={"gamma_delta": 2.0, "gamma_xi": 2.0}
+        )
+        half = tuple((name, 0.5) for name in ("layer", "dead zone", "leakage"))
+        at_one = "h a = 1: layer, dead zone, leakage × 0.5"
         return [
-            Case("other", number, scope, 1e-3, (), "Γ_δ = Γ_ξ = 2", gains=small),
-            Case("other", number, scope, 1e-3, ("projection",), "Γ_δ = Γ_ξ = 2", gains=small),
-            Case("other", number, scope, 1e-3, ("layer", "projection"), "Γ_δ = Γ_ξ = 2",
-                 gains=small),
-            Case("other", number, scope, 1e-3, least),
-            Case("other", number, scope, 1e-3, least, "400 s", duration_s=400.0),
-            Case("other", number, scope, 1e-3, ("layer", "projection", "leakage"), "400 s", duration_s=400.0),
-            Case("other", number, scope, 1e-3, ("layer", "projection", "saturation"), "400 s",
-                 duration_s=400.0),
-            Case("other", number, scope, 1e-3, everything, "400 s", duration_s=400.0),
-            Case("other", number, scope, 1e-3, everything, "plant in half the step", substeps=8),
-        ]  # fmt: skip
-    split = {"model": "split", "g_min": 0.7, "g_max": 1.4, "identifier": "off", "w_f": 0.0,
-             "w_g": 0.0, "w_fo": 0.0, "w_go": 0.0}  # fmt: skip
+            other(("saturation",)),
+            slow(()),
+            slow(("projection",)),
+            slow(("layer", "projection")),
+            slow(everything),
+            other(("layer", "projection", "dead zone")),
+            other(("layer", "projection", "leakage")),
+            other(everything, at_one, factors=half),
+            other(FIVE[:-1], at_one, factors=half),
+            other(everything, "plant in half the step", substeps=8),
+        ]
+    split = {"model": "split", "g_min": _LEAST, "g_max": _MOST, "identifier": "off"}
+    split.update(dict.fromkeys(("w_f", "w_g", "w_fo", "w_go"), 0.0))
     normalised = {"observer": "gradient", "gamma_rho": 1000.0, "l2f": 60.0}
     return [
-        Case("other", number, scope, 1e-3, everything, "(29) normalised", gains=normalised),
-        Case("other", number, scope, 1e-3, everything, "(29) normalised, f̂, ĝ of the split",
-             gains={**normalised, **split}),
-        Case("other", number, scope, 1e-3, (), "`dftc` as it ships", law="dftc"),
-    ]  # fmt: skip
+        other(everything, "(29) normalised", gains=normalised),
+        other(everything, "(29) normalised; f̂, ĝ of the split", gains={**normalised, **split}),
+        other((), "`dftc` as it ships", law="dftc"),
+    ]

@@ -179,9 +179,11 @@ def build_loop(revision: int) -> Callable[..., int]:
             stop = False
             for i in range(2):
                 p, x = par[i], st[i]
-                basis.gaussian(q[i], v[i], centres[i], p.inv_width1, p.inv_width2, sigma)
-                wg = basis.network(weights[i, W_G], sigma)
-                g_hat = rates.models(p, inertia[i], 0.0, 0.0, wg)[1]
+                g_hat = LIMITS[G_HAT]
+                if not p.g_min >= g_hat and first[G_HAT, i] > t:
+                    basis.gaussian(q[i], v[i], centres[i], p.inv_width1, p.inv_width2, sigma)
+                    wg = basis.network(weights[i, W_G], sigma)
+                    g_hat = rates.models(p, inertia[i], 0.0, 0.0, wg)[1]
                 for n in range(first.shape[0]):
                     if first[n, i] > t and beyond(n, rec, i, status, p, x, g_hat):
                         first[n, i] = t

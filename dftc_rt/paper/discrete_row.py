@@ -9,9 +9,9 @@ from dftc_rt.paper.discrete_cases import Group, Scope
 
 Outcome = Literal["diverges", "chatters", "strays", "runs"]
 
-TRACKING_RAD: Final = 0.05
-"""Tracking error of a joint, RMS in a window, beyond which a run strays: a twentieth of the
-starting error of Example 1."""
+TRACKING_RAD: Final = 0.1
+"""Tracking error of a joint, RMS in a window, beyond which a run strays: a tenth of the largest
+starting error."""
 CHATTER: Final = 0.01
 """Change of the torque from cycle to cycle, RMS in a window, as a fraction of the torque limit,
 beyond which a run chatters."""
@@ -40,7 +40,7 @@ class Row:
         torque_nm: Largest torque as told, Nm.
         change_nm: Change of the torque from cycle to cycle, RMS of the worse window, Nm.
         rho_error: ρ̂ - ρ, RMS after the fault.
-        settings: Settings other than those of the law.
+        settings: Settings of what is on, see docs/notation.md; ``torque_limit``, Nm, besides.
     """
 
     group: Group
