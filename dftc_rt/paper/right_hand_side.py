@@ -127,7 +127,7 @@ def _build(local_terms: Compiled, forward_dynamics: Compiled) -> tuple[Compiled,
         local_terms(q, v, desired[0], desired[1], desired[2], matrix, inertia[0], bias[0])
         local_terms(q, v, zero, zero, zero, matrix, inertia[1], bias[1])
         local_terms(q, v, q, v, desired[2], matrix, inertia[2], bias[2])
-        f_o, g_o = np.empty(5), np.empty(5)
+        f_o, g_o, fit_x = np.empty(5), np.empty(5), np.empty(5)
         for i in range(2):
             p, x, dx = par[i], z[i], dz[i]
             rho = fault[i, 0] + fault[i, 1] * np.cos(fault[i, 2] * t)
@@ -185,11 +185,20 @@ def _build(local_terms: Compiled, forward_dynamics: Compiled) -> tuple[Compiled,
             for k in range(3):
                 g_o[1 + k] = 1.0 / inertia[k, i]
                 f_o[1 + k] = law.drift(inertia[k, i], bias[k, i], 0.0)
-            basis.gaussian(q[i], v[i], fit_centres[i], fit_width[i, 0], fit_width[i, 1], fit_sigma)
+            # 2 inputs: x_i; 5: the other joint's desired state as well
+            fit_x[0], fit_x[1], fit_x[2] = q[i], v[i], desired[0, 1 - i]
+            fit_x[3], fit_x[4] = desired[1, 1 - i], desired[2, 1 - i]
+            for k in range(fit_sigma.shape[0]):
+                distance = 0.0
+                for c in range(fit_centres.shape[2]):
+                    gap = (fit_x[c] - fit_centres[i, k, c]) * fit_width[i, c]
+                    distance += gap * gap
+                fit_sigma[k] = np.exp(-0.5 * distance)
             f_o[4] = basis.network(fit_f[i], fit_sigma)
             g_o[4] = basis.network(fit_g[i], fit_sigma)
             if fit_h:
                 f_o[4] += f_o[1] - f_o[2]
+                g_o[4] += g_o[1] - g_o[2]
             joint_observers(p, x, dx, forms, f_o, g_o, rho, seen, p.l1 * e1o, corr)
             sig[S, i], sig[U, i], sig[U_CMD, i], sig[RHO_TRUE, i] = s, u, told, rho
             sig[F_O, i], sig[G_O, i], sig[E1O, i], sig[E2O, i] = f_o[0], g_o[0], e1o, e2o

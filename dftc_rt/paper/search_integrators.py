@@ -31,6 +31,10 @@ _DONE, _ESCAPED, _GAVE_UP = 0, 1, 2
 _STATUS: Final = ("done", "escaped", "gave up")
 
 
+class _OverBudgetError(Exception):
+    """The right-hand side was evaluated too often."""
+
+
 @dataclass(frozen=True)
 class Integrator:
     """How a reading is integrated.
@@ -130,14 +134,27 @@ def _radau(
     rows = [z[picked][None, :]]
     code, filled = _DONE, 1
     loop.evaluations = 0
-    solver = Radau(loop.rates, start_s, z, end_s, jac=loop.jacobian, rtol=1e-5, atol=1e-7)
+
+    def rates(t: float, state: F64) -> F64:
+        """Rates within the budget; with a state that is not finite a step never ends."""
+        dz = loop.rates(t, state)
+        if loop.evaluations > how.evaluations:
+            raise _OverBudgetError
+        if not math.isfinite(dz.sum()):
+            raise FloatingPointError
+        return dz
+
+    solver = Radau(rates, start_s, z, end_s, jac=loop.jacobian, rtol=1e-5, atol=1e-7)
     while solver.status == "running":
         try:
             solver.step()
-        except (ValueError, np.linalg.LinAlgError):  # a state is not finite
-            code = _ESCAPED
+        except (FloatingPointError, ValueError, np.linalg.LinAlgError):  # it is not finite
+            code = _ESCAPED if np.abs(solver.y[picked[:2]]).max() > 1.0 else _GAVE_UP
             break
-        if str(solver.status) == "failed" or loop.evaluations > how.evaluations:
+        except _OverBudgetError:
+            code = _GAVE_UP
+            break
+        if str(solver.status) == "failed":
             code = _GAVE_UP
             break
         upto = int(np.searchsorted(times, solver.t + 1e-9, side="right"))
@@ -147,8 +164,8 @@ def _radau(
         if not np.all(np.abs(solver.y[picked[:2]]) < ESCAPED_RAD):
             code = _ESCAPED
             break
-    sampled: F64 = np.concatenate(rows)
-    return _stretch(times[:filled], sampled, solver.y, code)
+    sampled: F64 = np.vstack(rows)
+    return _stretch(times[:filled], sampled, np.asarray(solver.y, dtype=np.float64), code)
 
 
 @functools.cache

@@ -18,11 +18,13 @@ class Fitted:
     """Networks f̂_o, ĝ_o fitted to fault-free data, for :data:`~observers.FITTED`.
 
     Attributes:
-        centres: (n, m, 2), rad and rad/s.
-        inv_width: (n, 2), 1/rad and s/rad.
+        centres: (n, m, 2), rad and rad/s, of networks that see x_i; (n, m, 5), further rad,
+            rad/s and rad/s², of those that see the other joint's desired state as well.
+        inv_width: (n, 2) or (n, 5), inverse units.
         w_f: (n, m), rad/s².
         w_g: (n, m), 1/(kg m²).
-        interconnection: Add the interconnection of the split at `desired` to f̂_o.
+        interconnection: Add the interconnection of the split at `desired`, against `frozen`,
+            to f̂_o and ĝ_o.
     """
 
     centres: F64
