@@ -1,4 +1,7 @@
-"""Actuator faults of the rig: effectiveness of every joint as a function of rig time.
+"""Faults of the rig, over rig time: what they do to each joint's motor and friction.
+
+``payload`` and ``contact`` act on the arm as a whole (:mod:`hil.plants.outside`); here they are
+only known to be active.
 
 Source: fault models of [zhao2017] section 2 (eq. (2)) and docs/faults.md.
 """
@@ -6,23 +9,24 @@ Source: fault models of [zhao2017] section 2 (eq. (2)) and docs/faults.md.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dftc_rt.config.scenario import (
-    Fault,
-    IntermittentFault,
-    LossFault,
-    RampFault,
-    SineFault,
-)
+from dftc_rt.config import scenario as kinds
+from dftc_rt.config.scenario import Fault
 from dftc_rt.errors import InputError
+from hil.plants.layout import BIAS, CEILING, DEAD_ZONE, FRICTION, LAG, STUCK, TORQUE_LIMIT
 
 F64 = NDArray[np.float64]
 
 _CONSTANT, _RAMP, _SINE, _INTERMITTENT = range(4)
+_BIAS, _SATURATION, _DEAD_ZONE, _STUCK_TORQUE, _LAG, _FRICTION = range(4, 10)
+PAYLOAD: Final = 10
+CONTACT: Final = 11
+_EVERY_JOINT: Final = -1
 
 _FAULT = np.dtype(
     [
@@ -33,55 +37,81 @@ _FAULT = np.dtype(
         ("a", np.float64),
         ("b", np.float64),
         ("c", np.float64),
+        ("d", np.float64),
     ],
     align=True,
 )
 
 
 def compile_faults(faults: Sequence[Fault], joints: Sequence[str]) -> NDArray[np.void]:
-    """Return the faults as a structured array for :func:`effectiveness`.
+    """Return the faults as a structured array for the kernels, one row each.
 
     Raises:
         InputError: A fault names an unknown joint, or ends before it starts.
     """
     table = np.zeros(len(faults), dtype=_FAULT)
     for k, fault in enumerate(faults):
-        if fault.joint not in joints:
+        if fault.joint is not None and fault.joint not in joints:
             raise InputError(
                 f"fault[{k}].joint", f"no joint '{fault.joint}'", "one of " + ", ".join(joints)
             )
         if fault.end_s <= fault.start_s:
             raise InputError(f"fault[{k}].end_s", f"{fault.end_s}", f"more than {fault.start_s}")
         row = table[k]
-        row["joint"] = joints.index(fault.joint)
         row["start"], row["end"] = fault.start_s, fault.end_s
-        row["profile"], (row["a"], row["b"], row["c"]) = _parameters(fault)
+        row["profile"], parameters = _parameters(fault)
+        for name, value in zip("abcd", parameters, strict=False):
+            row[name] = value
+        if fault.joint is not None:
+            row["joint"] = joints.index(fault.joint)
+        else:
+            row["joint"] = _EVERY_JOINT if row["profile"] == _FRICTION else len(joints) - 1
     return table
 
 
-def _parameters(fault: Fault) -> tuple[int, tuple[float, float, float]]:
-    if isinstance(fault, LossFault):
-        return _CONSTANT, (fault.effectiveness, 0.0, 0.0)
-    if isinstance(fault, RampFault):
-        return _RAMP, (fault.to, fault.over_s, 0.0)
-    if isinstance(fault, SineFault):
-        return _SINE, (fault.mean, fault.amplitude, fault.omega_rad_s)
-    if isinstance(fault, IntermittentFault):
-        return _INTERMITTENT, (fault.effectiveness, fault.period_s, fault.duty)
-    return _CONSTANT, (0.0, 0.0, 0.0)
+def _parameters(fault: Fault) -> tuple[int, tuple[float, ...]]:
+    match fault:
+        case kinds.LossFault():
+            return _CONSTANT, (fault.effectiveness,)
+        case kinds.RampFault():
+            return _RAMP, (fault.to, fault.over_s)
+        case kinds.SineFault():
+            return _SINE, (fault.mean, fault.amplitude, fault.omega_rad_s)
+        case kinds.IntermittentFault():
+            return _INTERMITTENT, (fault.effectiveness, fault.period_s, fault.duty)
+        case kinds.TotalFault():
+            return _CONSTANT, (0.0,)
+        case kinds.BiasFault():
+            return _BIAS, (fault.torque_nm,)
+        case kinds.SaturationFault():
+            return _SATURATION, (fault.limit,)
+        case kinds.DeadZoneFault():
+            return _DEAD_ZONE, (fault.width_nm,)
+        case kinds.StuckTorqueFault():
+            return _STUCK_TORQUE, ()
+        case kinds.LagFault():
+            return _LAG, (fault.lag_s,)
+        case kinds.FrictionFault():
+            return _FRICTION, (fault.factor,)
+        case kinds.PayloadFault():
+            return PAYLOAD, (fault.payload_kg, *fault.com_m)
+        case kinds.ContactFault():
+            return CONTACT, fault.force_n
 
 
 @numba.njit(cache=True)
 def effectiveness(t: float, faults: NDArray[np.void], rho: F64, active: F64) -> None:
     """Write effectiveness and whether a fault is active, per joint, at rig time ``t``.
 
-    Several faults on one joint multiply.
+    Several faults on one joint multiply. Kinds that take no share of the torque leave it at 1;
+    what a dead zone, a saturation or a stuck motor make of it depends on the torque
+    (:mod:`hil.plants.motors`).
 
     Args:
         t: Rig time, s.
         faults: From :func:`compile_faults`.
         rho: Out, (n,), in [0, 1].
-        active: Out, (n,), 1.0 while a fault of the joint is active.
+        active: Out, (n,), 1.0 while a fault of the joint, or of the arm as a whole, is active.
     """
     for i in range(rho.shape[0]):
         rho[i] = 1.0
@@ -89,6 +119,12 @@ def effectiveness(t: float, faults: NDArray[np.void], rho: F64, active: F64) -> 
     for k in range(faults.shape[0]):
         f = faults[k]
         if t < f.start or t >= f.end:
+            continue
+        if f.profile >= PAYLOAD or f.joint == _EVERY_JOINT:
+            active[:] = 1.0
+        else:
+            active[f.joint] = 1.0
+        if f.profile > _INTERMITTENT:
             continue
         if f.profile == _CONSTANT:
             value = f.a
@@ -100,4 +136,44 @@ def effectiveness(t: float, faults: NDArray[np.void], rho: F64, active: F64) -> 
             phase = ((t - f.start) / f.b) % 1.0
             value = f.a if phase < f.c else 1.0
         rho[f.joint] *= value
-        active[f.joint] = 1.0
+
+
+@numba.njit(cache=True)
+def effects(t: float, faults: NDArray[np.void], joints: F64, rows: F64) -> None:
+    """Write what the faults of the other kinds do to motors and friction at rig time ``t``.
+
+    Of several on one joint, biases and lags add, factors of friction multiply, and of dead
+    zones and saturations the most severe holds.
+
+    Args:
+        t: Rig time, s.
+        faults: From :func:`compile_faults`.
+        joints: Parameters of the joints, (N_PARAMETERS, n).
+        rows: State, (N_STATE, n); writes BIAS to FRICTION.
+    """
+    rows[BIAS, :] = 0.0
+    rows[CEILING, :] = np.inf
+    rows[DEAD_ZONE, :] = 0.0
+    rows[LAG, :] = 0.0
+    rows[STUCK, :] = 0.0
+    rows[FRICTION, :] = 1.0
+    for k in range(faults.shape[0]):
+        f = faults[k]
+        if t < f.start or t >= f.end:
+            continue
+        i = f.joint
+        if f.profile == _BIAS:
+            rows[BIAS, i] += f.a
+        elif f.profile == _SATURATION:
+            rows[CEILING, i] = min(rows[CEILING, i], f.a * joints[TORQUE_LIMIT, i])
+        elif f.profile == _DEAD_ZONE:
+            rows[DEAD_ZONE, i] = max(rows[DEAD_ZONE, i], f.a)
+        elif f.profile == _STUCK_TORQUE:
+            rows[STUCK, i] = 1.0
+        elif f.profile == _LAG:
+            rows[LAG, i] += f.a
+        elif f.profile == _FRICTION:
+            if i == _EVERY_JOINT:
+                rows[FRICTION, :] *= f.a
+            else:
+                rows[FRICTION, i] *= f.a

@@ -24,8 +24,10 @@ from dftc_rt.errors import InputError
 from hil.bus.port import BusPort
 from hil.drive.node402 import Cia402Drives, DriveSpec
 from hil.drive.sensors import Sensors, torque_commands
-from hil.faults import compile_faults, effectiveness
+from hil.faults import compile_faults
 from hil.plants.closed_form import refuse_additions
+from hil.plants.friction import joint_parameters
+from hil.plants.outside import check_outside
 from hil.plants.per_joint import per_joint
 from hil.plants.rigid_body import RigidBodyPlant
 
@@ -112,9 +114,9 @@ class Rig:
         self._scale = table.values
         self._period = 1.0 / scenario.executor.rate_hz
         self._substeps = scenario.rig.plant.substeps
-        self._faults = compile_faults(scenario.fault, robot.joints)
+        faults = compile_faults(scenario.fault, robot.joints)
         self.plant = RigidBodyPlant(
-            robot, scenario.rig.plant, scenario.rig.drive, self._faults, self._period, q0, v0
+            robot, scenario.rig.plant, scenario.rig.drive, faults, self._period, q0, v0
         )
         self.drives = Cia402Drives(
             [
@@ -272,7 +274,7 @@ class Rig:
         plant, drives = self.plant, self.drives
         t = plant.t
         drives.tick(t)
-        effectiveness(t, self._faults, plant.rho, plant.fault)
+        plant.reveal()
         _record(
             t,
             plant.q,
@@ -306,13 +308,12 @@ def check_rig(scenario: Scenario, robot: Robot) -> None:
     Raises:
         InputError: A value of ``[rig]`` or a fault does not fit the robot.
     """
-    compile_faults(scenario.fault, robot.joints)
+    check_outside(robot, compile_faults(scenario.fault, robot.joints))
     initial_state(scenario, robot, np.zeros((2, robot.n)))
     plant = scenario.rig.plant
-    for name in ("viscous", "coulomb", "armature"):
-        value = getattr(plant, name)
-        if value is not None:
-            per_joint(value, robot.n, f"rig.plant.{name}")
+    joint_parameters(robot, plant)
+    if plant.armature is not None:
+        per_joint(plant.armature, robot.n, "rig.plant.armature")
     if robot.closed_form is not None:
         refuse_additions(robot.closed_form, plant)
 

@@ -18,6 +18,8 @@ NonNegative = Annotated[float, Meta(ge=0)]
 Fraction = Annotated[float, Meta(ge=0, le=1)]
 Scalars = float | tuple[float, ...]  # one value for all joints, or one per joint
 Magnitudes = NonNegative | tuple[NonNegative, ...]  # the same, none negative
+Positives = Positive | tuple[Positive, ...]  # the same, all above 0
+AtLeastOne = Annotated[float, Meta(ge=1)]
 Seed = Annotated[int, Meta(ge=0)]
 
 
@@ -100,6 +102,14 @@ class PlantTable(_Strict, frozen=True):
     payload_com_m: tuple[float, float, float] = (0.0, 0.0, 0.1)
     viscous: Magnitudes = 0.0
     coulomb: Magnitudes = 0.0
+    viscous_fraction: Magnitudes = 0.0
+    coulomb_fraction: Magnitudes = 0.0
+    friction: Literal["coulomb", "lugre"] = "coulomb"
+    stribeck: AtLeastOne | tuple[AtLeastOne, ...] = 1.3
+    stribeck_rad_s: Positives = 0.05
+    presliding_rad: Positives = 2e-4
+    load_friction: Magnitudes = 0.3
+    torque_constant: Positives = 1.0
     armature: Magnitudes | None = None
 
 
@@ -119,10 +129,13 @@ class RigTable(_Strict, frozen=True):
     drive: DriveTable = DriveTable()
 
 
-class _Fault(_Strict, frozen=True, tag_field="kind", kw_only=True):
-    joint: str
+class _Timed(_Strict, frozen=True, tag_field="kind", kw_only=True):
     start_s: NonNegative = 0.0
     end_s: Positive = 1e9
+
+
+class _Fault(_Timed, frozen=True, kw_only=True):
+    joint: str
 
 
 class LossFault(_Fault, frozen=True, tag="loss", kw_only=True):
@@ -158,7 +171,71 @@ class TotalFault(_Fault, frozen=True, tag="total", kw_only=True):
     """Total loss: no torque at all."""
 
 
-Fault = LossFault | RampFault | SineFault | IntermittentFault | TotalFault
+class BiasFault(_Fault, frozen=True, tag="bias", kw_only=True):
+    """The motor gives ``torque_nm`` on top of what it is told."""
+
+    torque_nm: float
+
+
+class SaturationFault(_Fault, frozen=True, tag="saturation", kw_only=True):
+    """The motor gives at most ``limit`` of the joint's torque limit."""
+
+    limit: Fraction
+
+
+class DeadZoneFault(_Fault, frozen=True, tag="dead_zone", kw_only=True):
+    """The first ``width_nm`` of torque, in either direction, are swallowed."""
+
+    width_nm: Positive
+
+
+class StuckTorqueFault(_Fault, frozen=True, tag="stuck_torque", kw_only=True):
+    """The motor goes on giving what it gave when the fault began."""
+
+
+class LagFault(_Fault, frozen=True, tag="lag", kw_only=True):
+    """The motor's torque comes through a further first-order lag of ``lag_s``."""
+
+    lag_s: Positive
+
+
+class PayloadFault(_Timed, frozen=True, tag="payload", kw_only=True):
+    """A point mass on the link behind ``joint``, by default the last: no actuator fault."""
+
+    joint: str | None = None
+    payload_kg: Positive
+    com_m: tuple[float, float, float] = (0.0, 0.0, 0.1)
+
+
+class ContactFault(_Timed, frozen=True, tag="contact", kw_only=True):
+    """A force, base frame, on the origin of the link behind ``joint``, by default the last."""
+
+    joint: str | None = None
+    force_n: tuple[float, float, float]
+
+
+class FrictionFault(_Timed, frozen=True, tag="friction", kw_only=True):
+    """Friction of ``joint``, by default of all, is ``factor`` times what it was."""
+
+    joint: str | None = None
+    factor: NonNegative
+
+
+Fault = (
+    LossFault
+    | RampFault
+    | SineFault
+    | IntermittentFault
+    | TotalFault
+    | BiasFault
+    | SaturationFault
+    | DeadZoneFault
+    | StuckTorqueFault
+    | LagFault
+    | PayloadFault
+    | ContactFault
+    | FrictionFault
+)
 
 
 class Scenario(_Strict, frozen=True):

@@ -35,9 +35,16 @@ class ClosedFormDynamics:
         self.mass_matrix(q)
         self.bias(q, q)
 
-    def acceleration(self, q: F64, v: F64, tau: F64) -> F64:
-        """Acceleration, (n,), rad/s^2, with every joint free, under the torque (n,), Nm."""
-        self._form.forward_dynamics(q, v, tau, self._a)
+    def acceleration(self, q: F64, v: F64, tau: F64, added: F64 | None = None) -> F64:
+        """Acceleration, (n,), rad/s^2, with every joint free, under the torque (n,), Nm.
+
+        ``added``, (n,), kg m^2, is inertia of each joint for this once.
+        """
+        if added is None:
+            self._form.forward_dynamics(q, v, tau, self._a)
+            return self._a
+        M = self.mass_matrix(q) + np.diag(added)
+        self._a[:] = np.linalg.solve(M, tau - self.bias(q, v))
         return self._a
 
     def mass_matrix(self, q: F64) -> F64:

@@ -18,8 +18,11 @@ F64 = NDArray[np.float64]
 class ForwardDynamics(Protocol):
     """M(q) a + bias(q, v) = tau. A result may be overwritten by the next call."""
 
-    def acceleration(self, q: F64, v: F64, tau: F64) -> F64:
-        """Acceleration, (n,), rad/s^2, with every joint free, under the torque (n,), Nm."""
+    def acceleration(self, q: F64, v: F64, tau: F64, added: F64 | None = None) -> F64:
+        """Acceleration, (n,), rad/s^2, with every joint free, under the torque (n,), Nm.
+
+        ``added``, (n,), kg m^2, is inertia of each joint for this once.
+        """
         ...
 
     def mass_matrix(self, q: F64) -> F64:

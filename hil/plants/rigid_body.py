@@ -1,18 +1,16 @@
-"""The true robot: forward dynamics, friction, torque lag, actuator faults and brakes.
+"""The true robot: forward dynamics, friction, motors, faults and brakes.
 
-    M(q) a + C(q, v) v + G(q) = rho u_m - viscous v - coulomb tanh(v / V_STICK)
+    M(q) a + C(q, v) v + G(q) = u - F(v) + J^T f
 
-u_m, the motors' torque, follows the command through a first-order lag; rho is the
-effectiveness, which only this side knows. Semi-implicit Euler at a fixed step. A joint
-whose brake is closed is held exactly: the rest moves under the constraint. Where the
-acceleration comes from is :mod:`hil.plants.dynamics`.
+u is what the motors give (:mod:`hil.plants.motors`), F friction (:mod:`hil.plants.friction`),
+f a force from outside (:mod:`hil.plants.outside`); where M, C and G come from is
+:mod:`hil.plants.dynamics`. Semi-implicit Euler at a fixed step. A joint whose brake is closed
+is held exactly: the rest moves under the constraint.
 
 Source: [zhao2017] eq. (2), (36).
 """
 
 from __future__ import annotations
-
-from typing import Final
 
 import numba
 import numpy as np
@@ -20,41 +18,39 @@ from numpy.typing import NDArray
 
 from dftc_rt.config.scenario import DriveTable, PlantTable
 from dftc_rt.dynamics.model import Robot
-from hil.faults import effectiveness
+from hil.plants import layout
 from hil.plants.dynamics import forward_dynamics
-from hil.plants.per_joint import per_joint
+from hil.plants.friction import bend, joint_parameters, resist
+from hil.plants.motors import drive as drive_motors
+from hil.plants.motors import reveal
+from hil.plants.outside import Outside, check_outside
+from hil.plants.urdf import UrdfDynamics
 
 F64 = NDArray[np.float64]
-
-V_STICK: Final = 0.01  # rad/s at which Coulomb friction has all but reached its value
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _torques(
     t: float,
+    dt: float,
     alpha: float,
     faults: NDArray[np.void],
     rows: F64,
     v: F64,
-    friction: F64,
+    joints: F64,
     tau: F64,
 ) -> None:
-    """Motor lag, effectiveness and friction: the torque that moves the links.
-
-    ``rows`` is (5, n): command, motor torque, applied torque, rho, fault.
-    """
-    effectiveness(t, faults, rows[3], rows[4])
-    for i in range(v.shape[0]):
-        rows[1, i] += alpha * (rows[0, i] - rows[1, i])
-        rows[2, i] = rows[3, i] * rows[1, i]
-        tau[i] = rows[2, i] - friction[0, i] * v[i] - friction[1, i] * np.tanh(v[i] / V_STICK)
+    """Motors, faults and friction: the torque that moves the links."""
+    drive_motors(t, dt, alpha, faults, joints, rows)
+    resist(dt, v, joints, rows, tau)
 
 
 @numba.njit(cache=True)
-def _integrate(dt: float, a: F64, v: F64, q: F64) -> None:
+def _integrate(dt: float, a: F64, v: F64, q: F64, rows: F64) -> None:
     for i in range(v.shape[0]):
         v[i] += dt * a[i]
         q[i] += dt * v[i]
+    bend(v, rows)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -67,12 +63,12 @@ def _step(
     alpha: float,
     faults: NDArray[np.void],
     rows: F64,
-    friction: F64,
+    joints: F64,
     tau: F64,
 ) -> None:
     """Integrate one substep, then find the torque of the next, which begins at ``t``."""
-    _integrate(dt, a, v, q)
-    _torques(t, alpha, faults, rows, v, friction, tau)
+    _integrate(dt, a, v, q, rows)
+    _torques(t, dt, alpha, faults, rows, v, joints, tau)
 
 
 class RigidBodyPlant:
@@ -86,9 +82,10 @@ class RigidBodyPlant:
         command: Torque the motors are told, (n,), Nm.
         motor: Torque the motors would give when healthy, (n,), Nm: current times
             nominal torque constant, so it does not know the loss.
-        applied: Torque the motors do give, rho times ``motor``, (n,), Nm.
+        applied: Torque the motors do give, (n,), Nm.
         rho: Effectiveness, (n,).
-        fault: 1.0 while a fault of the joint is active, (n,).
+        fault: 1.0 while a fault of the joint, or of the arm as a whole, is active, (n,).
+        rows: State as the kernels have it, (N_STATE, n): :mod:`hil.plants.layout`.
         released: Whether each brake is open, (n,), bool; set through :meth:`set_brakes`.
     """
 
@@ -106,7 +103,7 @@ class RigidBodyPlant:
 
         Args:
             robot: What the controller believes.
-            plant: What is true: payload, friction, armature, substeps.
+            plant: What is true: payload, friction, torque constants, armature, substeps.
             drive: Torque lag.
             faults: From :func:`hil.faults.compile_faults`.
             period_s: Control period, s.
@@ -114,23 +111,24 @@ class RigidBodyPlant:
             v0: Initial velocity, (n,), rad/s, kept until the brakes open.
 
         Raises:
-            InputError: A per-joint value has the wrong length, or the robot has a closed form
-                that has no place for it.
+            InputError: A per-joint value has the wrong length, friction contradicts itself, or
+                the robot has a closed form that has no place for something.
         """
         n = self.n = robot.n
         self._dynamics = forward_dynamics(robot, plant)
+        self._outside = None
+        if check_outside(robot, faults) and isinstance(self._dynamics, UrdfDynamics):
+            self._outside = Outside(self._dynamics, faults)
         self.dt = period_s / plant.substeps
         self._alpha = 1.0 - np.exp(-self.dt / drive.torque_lag_s) if drive.torque_lag_s > 0 else 1.0
         self._faults = faults
-        self._friction = np.stack(
-            [
-                per_joint(plant.viscous, n, "rig.plant.viscous"),
-                per_joint(plant.coulomb, n, "rig.plant.coulomb"),
-            ]
-        )
-        self.rows = np.zeros((5, n))
-        self.command, self.motor, self.applied, self.rho, self.fault = self.rows
-        self.rho[:] = 1.0
+        self._joints = joint_parameters(robot, plant)
+        self.rows = np.zeros((layout.N_STATE, n))
+        self.command, self.motor, self.applied, self.rho, self.fault = self.rows[:5]
+        self.rows[layout.FRICTION] = 1.0
+        self.rows[layout.DECAY] = 1.0
+        bristles = bool(self._joints[layout.STIFFNESS].any())
+        self._added = self.rows[layout.ADDED] if bristles else None
         self._tau = np.zeros(n)
         self._at_rest = np.zeros(n)
         self.q, self.v = q0.astype(np.float64).copy(), np.zeros(n)
@@ -139,12 +137,16 @@ class RigidBodyPlant:
         self._all_released = False
         self._any_released = False
         self._steps = 0
-        effectiveness(0.0, faults, self.rho, self.fault)
+        self.reveal()
 
     @property
     def t(self) -> float:
         """Rig time, s."""
         return self._steps * self.dt
+
+    def reveal(self) -> None:
+        """Bring ``rho`` and ``fault`` up to rig time."""
+        reveal(self._steps * self.dt, self._faults, self._joints, self.rows)
 
     def set_brakes(self, released: NDArray[np.bool_]) -> None:
         """Open and close brakes; a brake that closes takes the joint's velocity at once."""
@@ -168,35 +170,41 @@ class RigidBodyPlant:
         self.released[:] = released
         self._all_released = bool(released.all())
         self._any_released = bool(released.any())
-        self.motor[~released] = 0.0
+        self.rows[layout.MOTOR, ~released] = 0.0
+        self.rows[layout.LAGGED, ~released] = 0.0
 
     def advance(self, steps: int) -> None:
         """Integrate ``steps`` substeps of ``dt``."""
         if steps <= 0:
             return
         rows, q, v, tau, dt = self.rows, self.q, self.v, self._tau, self.dt
-        alpha, faults, friction = self._alpha, self._faults, self._friction
-        _torques(self._steps * dt, alpha, faults, rows, v, friction, tau)
+        alpha, faults, joints = self._alpha, self._faults, self._joints
+        _torques(self._steps * dt, dt, alpha, faults, rows, v, joints, tau)
         for left in range(steps - 1, -1, -1):
             a = self._acceleration()
             self._steps += 1
             if left:
-                _step(self._steps * dt, dt, a, q, v, alpha, faults, rows, friction, tau)
+                _step(self._steps * dt, dt, a, q, v, alpha, faults, rows, joints, tau)
             else:
-                _integrate(dt, a, v, q)
+                _integrate(dt, a, v, q, rows)
 
     def _acceleration(self) -> F64:
         """Forward dynamics under the brakes, (n,), rad/s^2."""
+        if self._outside is not None:
+            self._outside.push(self._steps * self.dt, self.q, self._tau)
         if self._all_released:
-            return self._dynamics.acceleration(self.q, self.v, self._tau)
+            return self._dynamics.acceleration(self.q, self.v, self._tau, self._added)
         if self._any_released:
             return self._constrained()
+        self.applied[:] = 0.0  # a drive whose brake is closed is off
         return self._at_rest
 
     def _constrained(self) -> F64:
         """Acceleration, (n,), with the closed brakes' joints at rest."""
         h = self._dynamics.bias(self.q, self.v)
         M = self._dynamics.mass_matrix(self.q)
+        if self._added is not None:
+            M = M + np.diag(self._added)
         free = self.released
         a = np.zeros(self.n)
         a[free] = np.linalg.solve(M[np.ix_(free, free)], (self._tau - h)[free])
