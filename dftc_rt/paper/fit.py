@@ -48,7 +48,7 @@ RIDGE: Final = 1e-7
 """Of the singular values per √sample of columns scaled to unit RMS."""
 CENTRES: Final = 100
 """Basis functions of ``desired``, chosen among the data, each farthest from those before."""
-WIDTH: Final = 3.0
+WIDTH: Final = 2.5
 """Their width, in half-ranges of an input: wide, for smooth functions of five inputs."""
 GRID: Final = (9, 5)
 """Basis functions of the local forms along position and velocity."""
@@ -116,8 +116,7 @@ class Diagnosis:
 def rich_data(example: int, seed: int = SEED) -> Samples:
     """Simulate the healthy plant along a multisine.
 
-    The controller is computed feed-forward at the desired state plus PD; with a stable loop
-    it does not matter which.
+    The controller is computed torque; which one it is does not matter for the fit.
 
     Args:
         example: 1 or 2.
@@ -134,13 +133,12 @@ def rich_data(example: int, seed: int = SEED) -> Samples:
     amp = rng.uniform(0.5, 1.0, (2, _SINES))
     amp *= (np.array(bound) / amp.sum(axis=1))[:, None]
     centre = np.array(offset)
-    desired, u, mass = np.empty((3, 2)), np.empty(2), np.empty((2, 2))
+    desired, u = np.empty((3, 2)), np.empty(2)
 
     def rates(t: float, z: F64) -> F64:
         sines(t, centre, amp, omega, phase, desired)
-        form.inverse_dynamics(desired[0], desired[1], desired[2], u)
-        form.mass_matrix(desired[0], mass)
-        u[:] += np.diag(mass) * (_KP * (desired[0] - z[0]) + _KD * (desired[1] - z[1]))
+        wanted = desired[2] + _KP * (desired[0] - z[0]) + _KD * (desired[1] - z[1])
+        form.inverse_dynamics(z[0], z[1], wanted, u)
         dz = np.empty((2, 2))
         dz[0] = z[1]
         form.forward_dynamics(z[0], z[1], u, dz[1])
@@ -205,8 +203,9 @@ def diagnosed(
     """As :func:`fit`, with a diagnosis for each joint."""
     data = samples or rich_data(example)
     networks, diagnoses = zip(*(_fit_joint(data, joint, form) for joint in range(2)), strict=True)
-    arrays = (np.stack(pair) for pair in zip(*networks, strict=True))
-    return Fitted(*arrays, interconnection=form == "split"), (diagnoses[0], diagnoses[1])
+    centres, inv_width, w_f, w_g = (np.stack(pair) for pair in zip(*networks, strict=True))
+    fitted = Fitted(centres, inv_width, w_f, w_g, interconnection=form == "split")
+    return fitted, (diagnoses[0], diagnoses[1])
 
 
 def residual(fitted: Fitted, samples: Samples, joint: int) -> F64:

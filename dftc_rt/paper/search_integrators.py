@@ -130,7 +130,8 @@ def _radau(
     picked: NDArray[np.int64],
 ) -> Stretch:
     """SciPy's Radau, step by step, so that it can be stopped."""
-    times = start_s + SAMPLE_S * np.arange(round((end_s - start_s) / SAMPLE_S) + 1)
+    count = round((end_s - start_s) / SAMPLE_S) + 1
+    times: F64 = np.linspace(start_s, start_s + SAMPLE_S * (count - 1), count)
     rows = [z[picked][None, :]]
     code, filled = _DONE, 1
     loop.evaluations = 0
@@ -164,8 +165,7 @@ def _radau(
         if not np.all(np.abs(solver.y[picked[:2]]) < ESCAPED_RAD):
             code = _ESCAPED
             break
-    sampled: F64 = np.vstack(rows)
-    return _stretch(times[:filled], sampled, np.asarray(solver.y, dtype=np.float64), code)
+    return _stretch(times[:filled], np.vstack(rows), np.array(solver.y), code)
 
 
 @functools.cache
