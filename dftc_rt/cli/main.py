@@ -21,7 +21,19 @@ def build() -> App:
     """Return the command-line application."""
     from cyclopts import App, Parameter
 
-    from dftc_rt.cli import analyze, control, doctor, hil, recover, report, rig, robots, simulate
+    from dftc_rt.cli import (
+        analyze,
+        calibrate,
+        control,
+        doctor,
+        hil,
+        paper,
+        recover,
+        report,
+        rig,
+        robots,
+        simulate,
+    )
 
     app = App(
         name="dftc",
@@ -40,9 +52,11 @@ def build() -> App:
         hil.hil,
         rig.rig,
         control.control,
+        calibrate.calibrate,
         analyze.analyze,
         report.report,
         recover.recover,
+        paper.paper,
         robots.robots,
         doctor.doctor,
     ):

@@ -1,0 +1,61 @@
+"""The workers: lanes, single-threaded linear algebra, errors, and a worker that is killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+import pytest
+
+from dftc_rt.errors import EnvironmentLacksError
+from dftc_rt.paper.pool import Task, run
+
+
+def threads_and_pid() -> tuple[str, int]:
+    return os.environ["OPENBLAS_NUM_THREADS"], os.getpid()
+
+
+def double(value: int) -> int:
+    return 2 * value
+
+
+def broken() -> None:
+    raise ValueError("on purpose")
+
+
+def killed() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_results_by_name_and_progress() -> None:
+    seen: list[str] = []
+    tasks = [Task(f"{k}", double, (k,), k % 2) for k in range(7)]
+    assert run(tasks, 2, lambda task: seen.append(task.name)) == {f"{k}": 2 * k for k in range(7)}
+    assert sorted(seen) == [f"{k}" for k in range(7)]
+
+
+def test_workers_have_one_thread_and_this_process_keeps_its_own() -> None:
+    before = os.environ.get("OPENBLAS_NUM_THREADS")
+    found = run([Task("a", threads_and_pid), Task("b", threads_and_pid)], 1)
+    assert {threads for threads, _ in found.values()} == {"1"}
+    assert os.getpid() not in {pid for _, pid in found.values()}
+    assert os.environ.get("OPENBLAS_NUM_THREADS") == before
+
+
+def test_one_worker_does_all_lanes() -> None:
+    tasks = [Task(f"{k}", double, (k,), k) for k in range(3)]
+    assert run(tasks, 1) == {"0": 0, "1": 2, "2": 4}
+
+
+def test_an_error_in_a_task_comes_out_with_its_traceback() -> None:
+    with pytest.raises(RuntimeError, match=r"(?s)bad: .*on purpose"):
+        run([Task("good", double, (1,)), Task("bad", broken)], 2)
+
+
+def test_a_killed_worker_is_a_lack_of_the_machine() -> None:
+    with pytest.raises(EnvironmentLacksError, match="killed during 'dead'"):
+        run([Task("dead", killed)], 1)
+
+
+def test_nothing_to_do() -> None:
+    assert run([], 2) == {}
