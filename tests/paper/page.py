@@ -5,10 +5,13 @@ dftc paper -o build/paper && python -m tests.paper.page build/paper
 
 from __future__ import annotations
 
+import json
 import shutil
 import sys
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
+
+from dftc_rt.paper import summary
 
 REPOSITORY: Final = Path(__file__).parents[2]
 PAGE: Final = REPOSITORY / "docs" / "paper.md"
@@ -32,15 +35,15 @@ The equations are in [theory](theory.md).
 """
 
 
-def page(summary: str) -> str:
-    """Return the page that belongs to a ``summary.md``."""
-    body = summary.split("\n", 2)[2]
-    return _HEAD + body.replace("](figure", "](images/paper/figure")
+def page(found: dict[str, Any]) -> str:
+    """Return the page that belongs to a ``summary.json``."""
+    return _HEAD + summary.markdown(found, {}).replace("](figure", "](images/paper/figure")
 
 
 def main(folder: Path) -> None:
     """Renew the page and its pictures from a folder that ``dftc paper`` wrote."""
-    PAGE.write_text(page((folder / "summary.md").read_text("utf-8")), "utf-8")
+    found = json.loads((folder / "summary.json").read_text("utf-8"))
+    PAGE.write_text(page(found), "utf-8")
     IMAGES.mkdir(parents=True, exist_ok=True)
     for picture in folder.glob("figure*.png"):
         shutil.copyfile(picture, IMAGES / picture.name)

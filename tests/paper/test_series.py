@@ -35,6 +35,8 @@ def test_a_file_for_every_figure(tmp_path: Path) -> None:
     run = curves[slug(Variant(2))]
     np.testing.assert_allclose(rows[:, head.index("q2 (rad)")], run.q[:, 1], rtol=1e-8)
     np.testing.assert_allclose(rows[:, head.index("rho1 (1)")], run.rho)
+    desired = rows[:, head.index("q1_desired (rad)")]
+    np.testing.assert_allclose(desired, np.sin(run.t), atol=1e-8)
     head, rows = read(files[3])
     assert head[1] == "rho1 (1)"
     assert len(head) == 2 + 5

@@ -48,13 +48,14 @@ def test_the_summary_in_the_folder_is_the_one_on_stdout(paper_run: PaperRun) -> 
     assert written == paper_run.summary
     assert paper_run.stdout.count("\n") == 1
     assert "Traceback" not in paper_run.stderr
+    assert "| [10](#fig-10) | both joints" in (paper_run.folder / "summary.md").read_text("utf-8")
     expected = {f"figure{n:02d}.{end}" for n in range(1, 11) for end in ("png", "svg", "csv")}
     expected |= {"summary.json", "summary.md"}
     assert {path.name for path in paper_run.folder.iterdir()} == expected
 
 
 def test_the_page_says_what_a_fresh_run_says(paper_run: PaperRun) -> None:
-    fresh = page((paper_run.folder / "summary.md").read_text("utf-8")).splitlines()
+    fresh = page(paper_run.summary).splitlines()
     kept = PAGE.read_text("utf-8").splitlines()
     assert len(fresh) == len(kept)
     for new, old in zip(fresh, kept, strict=True):

@@ -1,0 +1,37 @@
+"""The further studies as tasks of the command's workers, a few runs of each."""
+
+from __future__ import annotations
+
+import pytest
+
+from dftc_rt.paper import discrete_cases, search_space, studies
+
+
+def test_other_readings(monkeypatch: pytest.MonkeyPatch) -> None:
+    few = search_space.space(quick=True)
+    monkeypatch.setattr(search_space, "space", lambda: few)
+    study = studies.searched((2,))
+    assert study.tasks
+    assert all(task.arguments[0].example == 2 for task in study.tasks)
+    first = study.tasks[0]
+    alone = studies.Study(study.key, study.title, (first,))
+    results = {first.name: first.function(*first.arguments), "another task": None}
+    (row,) = alone.plain(results)
+    assert row["example"] == 2
+    page = alone.markdown(results)
+    assert "Figure 7 (with 6 and 10)" in page
+    assert "Figure 2" not in page  # nothing of the other example was run
+    assert page.count("\n| 2 |") == 1
+
+
+def test_discrete_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    few = discrete_cases.cases((1, 2), quick=True)
+    asked = []
+    monkeypatch.setattr(discrete_cases, "cases", lambda examples: asked.append(examples) or few[:2])
+    study = studies.discretised((1, 2))
+    assert asked == [(1, 2)]
+    assert len({task.name for task in study.tasks}) == 2
+    results = {task.name: task.function(*task.arguments) for task in study.tasks}
+    plain = study.plain(results)
+    assert len(plain["rows"]) == 2
+    assert "Each cell is one run." in study.markdown(results)
