@@ -24,7 +24,7 @@ from dftc_rt.config.scenario import ReferenceTable
 from dftc_rt.control import laws
 from dftc_rt.control.dftc import Dftc
 from dftc_rt.paper.discrete_cases import Case, cases, scales
-from dftc_rt.paper.discrete_loop import CHANGE_SUM, E_SUM, EVENTS, LOOP, PLANTS, RHO_SUM
+from dftc_rt.paper.discrete_loop import CHANGE_SUM, E_SUM, EVENTS, LOOP, PLANTS, RHO_SUM, arguments
 from dftc_rt.paper.discrete_row import CHATTER, TRACKING_RAD, Outcome, Row
 from dftc_rt.paper.discrete_table import table
 from dftc_rt.paper.examples import EXAMPLES, Q0
@@ -80,9 +80,7 @@ def run(case: Case) -> tuple[Row, Trace]:
     q, v = np.array(Q0), np.zeros(2)
     law.start(q, v)
     store = law.storage
-    arrays = (
-        store.parameters, store.state, store.weights, store.centres, store.sigma, store.history
-    )  # fmt: skip
+    looked_at = (store.parameters, store.state, store.weights, store.centres, store.sigma)
     motion = Reference(ReferenceTable(kind=example.reference, blend_s=0.0), np.zeros(2)).harmonics
     windows = np.array(
         [
@@ -95,9 +93,9 @@ def run(case: Case) -> tuple[Row, Trace]:
     every = max(round(SAMPLE_S / h), 1)
     samples = np.zeros((cycles // every + 1, 4, 2))
     done = LOOP(
-        PLANTS[example.plant], arrays, law.uses_local_terms, h, cycles, case.substeps, motion,
-        np.array([example.fault_s, *example.rho]), windows, q, v, first, sums, counts, largest,
-        every, samples,
+        PLANTS[example.plant], looked_at, arguments(store), law.uses_local_terms, h, cycles,
+        case.substeps, motion, np.array([example.fault_s, *example.rho]), windows, q, v, first,
+        sums, counts, largest, every, samples,
     )  # fmt: skip
     kept = samples[: (min(done, cycles - 1)) // every + 1]
     times: F64 = np.linspace(0.0, (len(kept) - 1) * every * h, len(kept))

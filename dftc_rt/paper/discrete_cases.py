@@ -272,7 +272,6 @@ def _others(number: int, scope: Scope) -> list[Case]:
             slow(()),
             slow(("projection",)),
             slow(("layer", "projection")),
-            slow(everything),
             other(("layer", "projection", "dead zone")),
             other(("layer", "projection", "leakage")),
             other(everything, at_one, factors=half),

@@ -7,6 +7,7 @@ in between by several steps of RK4, so that only the sampling of the law is seen
 
 from __future__ import annotations
 
+import inspect
 import math
 import zlib
 from collections.abc import Callable
@@ -142,6 +143,7 @@ def build_loop(revision: int) -> Callable[..., int]:
     def loop(
         plant: int,
         law: Any,
+        arguments: Any,
         uses_split: bool,
         period: float,
         cycles: int,
@@ -159,7 +161,7 @@ def build_loop(revision: int) -> Callable[..., int]:
         samples: F64,
     ) -> int:
         done = cycles + 0 * revision
-        par, st, weights, centres, sigma, history = law
+        par, st, weights, centres, sigma = law
         offset, amplitude, omega, phase = motion
         rec, desired = np.zeros((_ROWS, 2)), np.zeros((3, 2))
         inertia, bias, tau, last = np.ones(2), np.zeros(2), np.zeros(2), np.zeros(2)
@@ -172,7 +174,7 @@ def build_loop(revision: int) -> Callable[..., int]:
                 rec[QD, i], rec[VD, i], rec[AD, i] = desired[0, i], desired[1, i], desired[2, i]
             if uses_split:
                 split(plant, q, v, desired, inertia, bias, work)
-            status = CYCLE(rec, inertia, bias, par, st, weights, centres, sigma, history)
+            status = CYCLE(rec, inertia, bias, *arguments)
             rho1 = 1.0
             if t >= fault[0]:
                 rho1 = fault[1] + fault[2] * math.cos(fault[3] * t)
@@ -224,12 +226,28 @@ def revision() -> int:
     return total
 
 
+def arguments(store: layout.Storage) -> tuple[Any, ...]:
+    """Arguments of the kernel after ``rec``, M and bias, in its order; the joints carry no load.
+
+    Args:
+        store: Arrays of the law.
+    """
+    by_name = {
+        "load": np.zeros(store.parameters.shape[0]), "par": store.parameters, "st": store.state,
+        "w": store.weights, "c": store.centres, "sigma": store.sigma, "history": store.history,
+    }  # fmt: skip
+    kernel: Any = CYCLE
+    names = list(inspect.signature(kernel.py_func).parameters)[3:]
+    return tuple(by_name[name] for name in names)
+
+
 LOOP: Final = build_loop(revision())
 """Run a law; returns the cycles that were run, fewer than ``cycles`` after a divergence.
 
 Args:
     plant: :data:`PENDULUMS` or :data:`ARM`.
-    law: Arrays of the law, the arguments of the kernel after ``rec``, M and bias.
+    law: Parameters, states, weights, centres and scratch of the law, to be looked at.
+    arguments: From :func:`arguments`.
     uses_split: Whether the law reads M and bias; else they are 1 and 0.
     period: Of the law, s.
     cycles: How many.

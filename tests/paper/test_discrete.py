@@ -169,6 +169,20 @@ def test_loop_is_the_shipped_law_on_the_shipped_plant(number: int) -> None:
 
 
 @pytest.mark.parametrize("plant", list(discrete_loop.PLANTS))
+def test_plant_is_integrated_to_fourth_order(plant: str) -> None:
+    tau, span = np.array([1.0, -0.5]), 0.2
+
+    def end(steps: int) -> np.ndarray:
+        q, v = np.array([0.5, -0.3]), np.array([0.4, 1.0])
+        discrete_loop.advance(discrete_loop.PLANTS[plant], q, v, tau, span, steps, np.zeros((6, 2)))
+        return np.concatenate([q, v])
+
+    exact = end(200)
+    ratio = np.abs(end(4) - exact).max() / np.abs(end(8) - exact).max()
+    assert 12.0 < ratio < 24.0
+
+
+@pytest.mark.parametrize("plant", list(discrete_loop.PLANTS))
 def test_split_is_that_of_the_closed_form(plant: str) -> None:
     expected = ClosedFormTerms(CLOSED_FORMS[plant], "desired", np.zeros(2))
     q, v, *desired = np.random.default_rng(7).uniform(-1.0, 1.0, (5, 2))
