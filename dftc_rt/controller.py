@@ -286,7 +286,7 @@ def warm_up(scenario: Scenario, parts: Parts) -> None:
         parts.reference.sample(0.0, desired)
         stop_ramp(0.0, 1.0, np.zeros((3, n)), desired)
         parts.terms.update(robot.home, rec[signals.V], *desired)
-        parts.law.update(rec, parts.terms.inertia, parts.terms.bias)
+        parts.law.update(rec, parts.terms.inertia, parts.terms.bias, parts.terms.load)
         parts.law.skip(1)
         supervisor.check(rec, link.status, False)
         link.all_enabled()

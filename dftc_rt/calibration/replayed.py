@@ -60,7 +60,7 @@ def replay(law: Dftc, terms: JointTerms, log: Signals, fields: Sequence[str]) ->
         for row in inputs:
             rec[row] = rows[row][k]
         terms.update(q, v, qd, vd, ad)
-        law.update(rec, terms.inertia, terms.bias)
+        law.update(rec, terms.inertia, terms.bias, terms.load)
         storage.history[:, k % depth] = log["tau_cmd"][k]
         inertia[k], bias[k], verdict[k] = terms.inertia, terms.bias, rec[signals.VERDICT]
         for name, values in kept.items():

@@ -31,6 +31,18 @@ def log_likelihood_ratio(phi: float, y: float, rho: float, variance: float) -> f
 
 
 @njit(**_CACHE)
+def shift_ratio(e: float, step: float, variance: float) -> float:
+    """Log-likelihood ratio of a residual of mean ``step`` against one of mean 0.
+
+    Args:
+        e: Residual, Nm.
+        step: Its mean under the alternative, Nm.
+        variance: R, Nm².
+    """
+    return (e - 0.5 * step) * step / variance
+
+
+@njit(**_CACHE)
 def cusum(total: float, ratio: float, top: float) -> float:
     """One step of Page's cumulative sum, kept in [0, top].
 

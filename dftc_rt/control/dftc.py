@@ -55,6 +55,7 @@ class Dftc:
             store.parameters, store.state, store.weights, store.centres, store.sigma,
             store.history,
         )  # fmt: skip
+        self._no_load = np.zeros(joints.torque_limit.shape[0])
         self._cycle = kernel.CYCLE
 
     def start(self, q: F64, v: F64) -> None:
@@ -91,6 +92,8 @@ class Dftc:
         store = self.storage
         kernel.skip(store.parameters, store.state, store.history, min(ticks, _MOST_TICKS))
 
-    def update(self, rec: F64, inertia: F64, bias: F64) -> int:
+    def update(self, rec: F64, inertia: F64, bias: F64, load: F64 | None = None) -> int:
         """One cycle, see :class:`dftc_rt.control.interface.Law`; real-time safe."""
-        return self._cycle(rec, inertia, bias, *self._arrays)
+        return self._cycle(
+            rec, inertia, bias, self._no_load if load is None else load, *self._arrays
+        )

@@ -57,7 +57,7 @@ class Law(Protocol):
         """Let ticks pass without a cycle or SYNC: the torque in force stays. Real-time safe."""
         ...
 
-    def update(self, rec: F64, inertia: F64, bias: F64) -> int:
+    def update(self, rec: F64, inertia: F64, bias: F64, load: F64 | None = None) -> int:
         """Compute one cycle; real-time safe after the first call (which compiles).
 
         Args:
@@ -65,6 +65,8 @@ class Law(Protocol):
                 Q to AD and AGE are read, the others written.
             inertia: M_i, (n,), kg m².
             bias: Torque needed besides M_i q̈_i, (n,), Nm.
+            load: Torque that one more kilogram at the last link needs, (n,), Nm/kg; None: no
+                joint knows, and a payload cannot be told from a disturbance.
 
         Returns:
             0, or an or of the status bits of this module.

@@ -11,7 +11,18 @@ from typing import Any
 
 from numba import njit
 
-from dftc_rt.control import basis, decision, gain, identifier, law, layout, observer, rates
+from dftc_rt.control import (
+    attribution,
+    basis,
+    decision,
+    gain,
+    identifier,
+    law,
+    layout,
+    observer,
+    rates,
+    reaction,
+)
 from dftc_rt.control.interface import F64, NONFINITE_INPUT, NONFINITE_LAW
 from dftc_rt.control.layout import W_F, W_FO, W_G, W_GO
 from dftc_rt.control.signals import (
@@ -86,7 +97,16 @@ def observe_printed(
 
 @njit(**_CACHE)
 def observe(
-    p: Any, x: Any, v: float, acc_d: float, inertia: float, bias: float, scale: float, fresh: bool
+    p: Any,
+    x: Any,
+    v: float,
+    v_d: float,
+    acc_d: float,
+    inertia: float,
+    bias: float,
+    load: float,
+    scale: float,
+    fresh: bool,
 ) -> bool:
     """Build (φ, y) from a fresh sample, estimate ρ and feed the CUSUMs.
 
@@ -94,9 +114,11 @@ def observe(
         p: Parameters.
         x: State; ``phi_sum`` and ``elapsed`` cover the interval since the last fresh sample.
         v: Velocity, rad/s.
+        v_d: Desired velocity, rad/s.
         acc_d: q̈_d, rad/s².
         inertia: M, kg m².
         bias: Bias with the frozen RBF correction, Nm.
+        load: Torque of one more kilogram at the last link, Nm/kg.
         scale: ĝ_o M, factor of the frozen RBF correction on the torque.
         fresh: Whether this cycle brought a new measurement.
 
@@ -120,6 +142,8 @@ def observe(
     x.y_f += alpha * (y - x.y_f)
     x.phi_f += alpha * (phi - x.phi_f)
     x.gap_f += alpha * (dv / span - acc_d - x.gap_f)
+    x.load_f += alpha * (load - x.load_f)
+    x.friction_f += alpha * (math.tanh(v_d / attribution.V_FRICTION) - x.friction_f)
     x.phi_sum = 0.0
     x.elapsed = 0
     if x.cycle < p.warmup or abs(x.phi_f) < p.excitation * p.floor:
@@ -141,32 +165,15 @@ def observe(
     top = 1.5 * max(p.threshold_loss, p.threshold_anomaly)
     x.loss = decision.cusum(x.loss, below, top)
     x.excess = decision.cusum(x.excess, above, top)
+    if p.attribution == reaction.HYPOTHESES:
+        e = x.y_f - x.phi_f
+        step = p.residual_step * math.sqrt(variance / p.inflation)
+        x.more = decision.cusum(x.more, decision.shift_ratio(e, step, variance), top)
+        x.less = decision.cusum(x.less, decision.shift_ratio(-e, step, variance), top)
+        if x.active == 1:
+            attribution.explain(p, x, e, x.phi_f, x.load_f, x.friction_f, variance, span)
     x.clear_for = decision.clearing(x.clear_for, x.rho, p.rho_clear, span)
     return True
-
-
-@njit(**_CACHE)
-def decide(p: Any, x: Any, observable: bool) -> None:
-    """Verdict, and the sums that start anew when an actuator loss begins or ends."""
-    before = x.verdict
-    x.verdict = decision.verdict(
-        before, x.loss, x.excess, x.rho, x.clear_for, observable,
-        p.threshold_anomaly, p.threshold_loss, p.rho_loss, p.clear_s,
-    )  # fmt: skip
-    if (before == ACTUATOR_LOSS) != (x.verdict == ACTUATOR_LOSS):
-        x.clear_for = 0.0
-        if before == ACTUATOR_LOSS:
-            x.loss = 0.0
-            x.excess = 0.0
-
-
-@njit(**_CACHE)
-def amplify(p: Any, x: Any) -> None:
-    """Move the gain (33)."""
-    wanted = 1.0
-    if p.ftc == 1 and (p.gain_gate == gain.ALWAYS or x.verdict == ACTUATOR_LOSS):
-        wanted = gain.target(x.rho, p.rho_min, p.rho_max)
-    x.gain = gain.follow(x.gain, wanted, p.gain_rate, p.period)
 
 
 @njit(**_CACHE)
@@ -186,7 +193,17 @@ def silence(i: int, rec: F64, x: Any, history: F64) -> None:
 
 @njit(**_CACHE)
 def joint(
-    i: int, rec: F64, m: float, b: float, p: Any, x: Any, w: F64, c: F64, sigma: F64, history: F64
+    i: int,
+    rec: F64,
+    m: float,
+    b: float,
+    load: float,
+    p: Any,
+    x: Any,
+    w: F64,
+    c: F64,
+    sigma: F64,
+    history: F64,
 ) -> int:
     """One cycle of joint i; returns status bits."""
     q = rec[Q, i]
@@ -222,22 +239,26 @@ def joint(
         observable = True
     else:
         fresh = rec[AGE, i] == 0.0 and x.cycle > 0
-        observable = observe(p, x, v, acc_d, m, b - m * wfo, g_o * m, fresh)
+        v_d = rec[VD, i]
+        observable = observe(p, x, v, v_d, acc_d, m, b - m * wfo, load, g_o * m, fresh)
         residual = x.y_f - x.phi_f
-        decide(p, x, observable)
+        if p.attribution == reaction.HYPOTHESES:
+            reaction.attribute(p, x, observable)
+        else:
+            reaction.decide(p, x, observable)
     # law (10), gain (33), command
     s = law.sliding(p.lam, e1, e2)
     f_hat, g_hat = rates.models(p, m, b, wf, wg)
     u = math.nan
     if g_hat != 0.0:
         u = rates.torque(p, s, e2, acc_d, f_hat, g_hat, x.delta, x.xi)
-    amplify(p, x)
-    if not math.isfinite(u * x.gain + x.rho):
+    wanted = reaction.amplify(p, x, u)
+    if not math.isfinite(wanted * x.gain + x.rho):
         silence(i, rec, x, history)
         return NONFINITE_LAW
-    told = gain.command(u, x.gain, p.counts, p.resolution, p.limit)
+    told = gain.command(wanted, x.gain, p.counts, p.resolution, p.limit)
     # adaptation (11)-(14)
-    saturated = abs(x.gain * u) > p.limit
+    saturated = abs(x.gain * wanted) > p.limit
     if not (saturated and p.freeze_saturated == 1):
         h = p.period
         drive_delta, drive_xi = rates.bound_drives(p, s)
@@ -289,11 +310,21 @@ def build_kernel(revision: int) -> Callable[..., int]:
 
     @njit(**_CACHE)
     def cycle(
-        rec: F64, m: F64, b: F64, par: Any, st: Any, w: F64, c: F64, sigma: F64, history: F64
+        rec: F64,
+        m: F64,
+        b: F64,
+        load: F64,
+        par: Any,
+        st: Any,
+        w: F64,
+        c: F64,
+        sigma: F64,
+        history: F64,
     ) -> int:
         status = 0 * revision
         for i in range(par.shape[0]):
-            status |= joint(i, rec, m[i], b[i], par[i], st[i], w[i], c[i], sigma, history[i])
+            p, x = par[i], st[i]
+            status |= joint(i, rec, m[i], b[i], load[i], p, x, w[i], c[i], sigma, history[i])
         return status
 
     kernel: Callable[..., int] = cycle

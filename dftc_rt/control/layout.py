@@ -41,11 +41,15 @@ _FLOATS: Final = (
     "rho", "rho_var", "momentum_error",  # ρ̂, P, ε in Nm s
     "v_last", "m_last", "b_last", "applied", "phi_sum",  # regression: last sample, drive torque
     "y_f", "phi_f", "gap_f",  # filtered y, φ in Nm, q̈ - q̈_d in rad/s²
-    "loss", "excess", "clear_for", "verdict",  # decision
+    "loss", "excess", "more", "less", "clear_for", "verdict",  # decision
+    "load_f", "friction_f", "added",  # filtered regressors, compensation in Nm
+    "h_loss", "h_load", "h_friction", "h_add", "h_slope",  # explanations
+    "p_loss", "p_load", "p_friction", "p_add", "p_cross", "p_slope",  # their variances
+    "ev_loss", "ev_load", "ev_friction", "ev_add", "fit", "spread", "effort", "since",
 )  # fmt: skip
 STATE: Final = np.dtype(
     [(name, np.float64) for name in _FLOATS]
-    + [(name, np.int64) for name in ("cycle", "elapsed", "saturated")],
+    + [(name, np.int64) for name in ("cycle", "elapsed", "saturated", "active")],
     align=True,
 )
 

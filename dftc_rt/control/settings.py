@@ -107,6 +107,16 @@ NUMBERS: Final[tuple[Setting, ...]] = (
     Setting("rho_loss", 0.92, 0.92, "1", "ρ̂ of an actuator loss is below this", 0.0, 1.0),
     Setting("rho_clear", 0.95, 0.95, "1", "ρ̂ from which a loss is taken to have ended", 0.0, 1.0),
     Setting("clear_s", 0.5, 0.5, "s", "time that ρ̂ must stay there"),
+    # attribution
+    Setting("residual_step", 2.5, 2.5, "1", "a residual of this many σ is an anomaly", 0.1),
+    Setting("attribution_s", 0.35, 0.35, "s", "an anomaly is not attributed before this time"),
+    Setting("attribution_margin", 6.0, 6.0, "1", "by this much an explanation must be better"),
+    Setting("attribution_fit", 4.0, 4.0, "1", "largest mean square, in variances, of its misfit"),
+    Setting("load_fraction", 0.04, 0.04, "1", "a loss needs torque above this part of the limit"),
+    Setting("load_std_kg", 2.0, 2.0, "kg", "size of payload changes", 1e-3),
+    Setting("slope_std", 0.3, 0.3, "1/s", "change of a disturbance, in torque limits", 1e-3),
+    Setting("compensation", 0.3, 0.0, "1", "most torque added while unattributed, of the limit"),
+    Setting("compensation_rate", 5.0, 0.0, "1/s", "its largest slope, in torque limits"),
     # gain
     Setting("rho_min", 0.15, 0.01, "1", "least ρ̂ in the gain (33)", 0.01, 1.0),
     Setting("rho_max", 1.0, INF, "1", "largest ρ̂ in the gain (33)", 1.0),
@@ -122,6 +132,8 @@ CHOICES: Final[tuple[Setting, ...]] = (
             ("off", "adapt", "frozen")),
     Setting("observer", 0, 2, "", "estimator of ρ", 0, 2, ("kalman", "gradient", "printed")),
     Setting("observer_correction", 0, 1, "", "identifier terms inside (28)", 0, 1, ("off", "on")),
+    Setting("attribution", 0, 0, "", "what makes an actuator loss of an anomaly", 0, 1,
+            ("cusum", "hypotheses")),
     Setting("gain_gate", 0, 1, "", "gain (33) after an actuator loss was decided, or always",
             0, 1, ("attributed", "always")),
 )  # fmt: skip

@@ -53,6 +53,7 @@ class TermsWithFriction:
     Attributes:
         inertia: Those of the terms inside.
         bias: The same, friction added.
+        load: Those of the terms inside.
         interconnection: The setting.
     """
 
@@ -63,6 +64,7 @@ class TermsWithFriction:
         self.interconnection: Interconnection = terms.interconnection
         self.inertia = terms.inertia
         self.bias = terms.bias
+        self.load = terms.load
         friction.add_to(np.zeros_like(self.bias), np.zeros_like(self.bias))
 
     def update(self, q: Array, v: Array, qd: Array, vd: Array, ad: Array) -> None:

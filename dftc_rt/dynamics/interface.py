@@ -18,6 +18,8 @@ class JointTerms(Protocol):
     Attributes:
         inertia: (n,) M_i, kg m^2; rewritten in place.
         bias: (n,) C_i q̇_i + G_i + Z_i with q̈_i = 0, Nm; rewritten in place.
+        load: (n,) torque that one more kilogram at the last link needs with all joints at
+            their desired motion, Nm/kg; rewritten in place.
         interconnection: Where the other joints are put.
 
     Source: [zhao2017] eq. (36).
@@ -26,6 +28,7 @@ class JointTerms(Protocol):
     interconnection: Interconnection
     inertia: Array
     bias: Array
+    load: Array
 
     def update(self, q: Array, v: Array, qd: Array, vd: Array, ad: Array) -> None:
         """Rewrite ``inertia`` and ``bias``. Real-time safe.

@@ -20,6 +20,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from dftc_rt.dynamics.model import Robot
+from dftc_rt.dynamics.payload import UnitLoad
 from dftc_rt.dynamics.surrogate import Interconnection, check_interconnection
 
 Array = npt.NDArray[np.float64]
@@ -31,6 +32,7 @@ class LocalTerms:
     Attributes:
         inertia: (n,) M_i, kg m^2, armature included; rewritten in place.
         bias: (n,) Nm; rewritten in place.
+        load: (n,) Nm/kg; rewritten in place.
         interconnection: The setting.
     """
 
@@ -52,6 +54,8 @@ class LocalTerms:
         self.interconnection = interconnection
         self.inertia = np.zeros(n)
         self.bias = np.zeros(n)
+        self.load = np.zeros(n)
+        self._unit_load = UnitLoad(robot)
         self._robot = robot
         self._model = robot.model
         self._data = robot.model.createData()
@@ -78,6 +82,7 @@ class LocalTerms:
             vd: (n,) desired, rad/s.
             ad: (n,) desired, rad/s^2.
         """
+        self._unit_load.torque(qd, vd, ad, self.load)
         if self.interconnection == "desired":
             self._set_position(qd)
             self._v[:] = vd

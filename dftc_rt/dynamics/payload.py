@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +11,11 @@ import pinocchio as pin
 
 from dftc_rt.dynamics.model import Robot
 from dftc_rt.errors import InputError
+
+Array = npt.NDArray[np.float64]
+
+LOAD_COM_M: Final = (0.0, 0.0, 0.1)
+"""Where a load is assumed, in the frame of the last link, m: beyond the flange."""
 
 
 def with_payload(
@@ -58,3 +63,33 @@ def with_armature(model: Any, armature: float | npt.ArrayLike) -> Any:
         raise InputError("armature", f"found {values.tolist()}", expected)
     copy.armature = np.broadcast_to(values, (copy.nv,)).copy()
     return copy
+
+
+class UnitLoad:
+    """Torque of one kilogram at the last link, along the desired motion.
+
+    Stored before the run or computed from it alone, so any joint may know its own entry.
+    """
+
+    def __init__(self, robot: Robot, com_m: Sequence[float] = LOAD_COM_M) -> None:
+        """Prepare two models, without and with the kilogram."""
+        self._robot = robot
+        self._x = np.zeros(robot.model.nq)
+        self._models = [
+            (model, model.createData()) for model in (robot.model, with_payload(robot, 1.0, com_m))
+        ]
+
+    def torque(self, qd: Array, vd: Array, ad: Array, out: Array) -> None:
+        """Write the torque of the kilogram, (n,), Nm/kg.
+
+        Args:
+            qd: (n,) desired, rad.
+            vd: (n,) desired, rad/s.
+            ad: (n,) desired, rad/s^2.
+            out: (n,), written.
+        """
+        x = self._robot.configuration(qd, self._x)
+        (bare, data), (loaded, loaded_data) = self._models
+        pin.rnea(loaded, loaded_data, x, vd, ad)
+        pin.rnea(bare, data, x, vd, ad)
+        np.subtract(loaded_data.tau, data.tau, out=out)

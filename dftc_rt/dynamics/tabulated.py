@@ -21,6 +21,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from dftc_rt.dynamics.model import Robot
+from dftc_rt.dynamics.payload import UnitLoad
 from dftc_rt.dynamics.select import local_terms
 from dftc_rt.dynamics.surrogate import Interconnection, check_interconnection
 from dftc_rt.errors import InputError
@@ -77,6 +78,7 @@ class TabulatedTerms:
         table: (K, 4, n), C-contiguous, so that a cycle reads one stretch of memory.
         inertia: (n,) M_i, kg m^2; rewritten in place.
         bias: (n,) Nm; rewritten in place.
+        load: (n,) Nm/kg; rewritten in place.
         interconnection: The setting.
     """
 
@@ -116,6 +118,11 @@ class TabulatedTerms:
         self.interconnection = interconnection
         self.inertia = np.zeros(robot.n)
         self.bias = np.zeros(robot.n)
+        self.load = np.zeros(robot.n)
+        self._loads = np.zeros(shape)
+        unit = UnitLoad(robot)
+        for k in range(len(qd)):
+            unit.torque(qd[k], vd[k], ad[k], self._loads[k])
         self._exact = local_terms(robot, interconnection, frozen_q)
         self._reference = qd, vd, ad
         self.motion = np.stack((qd, vd, ad), axis=1)
@@ -139,6 +146,7 @@ class TabulatedTerms:
             v: (n,) measured, rad/s.
         """
         evaluate_row(self.table, k, q, v, self.inertia, self.bias)
+        self.load[:] = self._loads[min(max(k, 0), len(self._loads) - 1)]
 
     def error(
         self, offset_q: float, offset_v: float, samples: int = 200, seed: int = 0

@@ -47,9 +47,10 @@ class ExactTerms(Protocol):
 
     inertia: F64
     bias: F64
+    load: F64
 
     def update(self, q: F64, v: F64, qd: F64, vd: F64, ad: F64) -> None:
-        """Refresh ``inertia`` and ``bias``, (n,) each. Real-time safe."""
+        """Refresh ``inertia``, ``bias`` and ``load``, (n,) each. Real-time safe."""
         ...
 
 
@@ -58,10 +59,11 @@ class TableTerms(Protocol):
 
     inertia: F64
     bias: F64
+    load: F64
     motion: F64
 
     def update(self, k: int, q: F64, v: F64) -> None:
-        """Refresh ``inertia`` and ``bias`` for cycle ``k`` of the run. Real-time safe."""
+        """Refresh ``inertia``, ``bias`` and ``load`` for cycle ``k`` of the run. Real-time safe."""
         ...
 
 
@@ -275,7 +277,7 @@ class Executor:
                 self._table.update(elapsed if state is State.RUN else 0, link.q, link.v)
             else:
                 self._exact.update(link.q, link.v, *self._desired)
-        status = law.update(rec, terms.inertia, terms.bias)
+        status = law.update(rec, terms.inertia, terms.bias, terms.load)
         violation, joint = self._supervisor.check(rec, link.status, state in _MOVING)
         if status and violation == sup.OK:
             violation, joint = sup.NOT_FINITE, int(np.argmax(np.isnan(rec[signals.S])))

@@ -90,7 +90,7 @@ class ComputedTorque:
     def skip(self, ticks: int) -> None:
         """Nothing to account for: the law has no memory."""
 
-    def update(self, rec: F64, inertia: F64, bias: F64) -> int:
+    def update(self, rec: F64, inertia: F64, bias: F64, load: F64 | None = None) -> int:
         """One cycle, see :class:`dftc_rt.control.interface.Law`."""
         rec[RHO_HAT] = math.nan
         rec[RHO_STD] = math.nan

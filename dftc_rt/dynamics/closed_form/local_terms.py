@@ -17,6 +17,7 @@ class ClosedFormTerms:
     Attributes:
         inertia: (n,) M_i, kg m^2; rewritten in place.
         bias: (n,) C_i q̇_i + G_i + Z_i with q̈_i = 0, Nm; rewritten in place.
+        load: (n,) zero: nothing carries a load.
         interconnection: The setting.
 
     Source: [zhao2017] eq. (36).
@@ -38,6 +39,7 @@ class ClosedFormTerms:
         self.interconnection = interconnection
         self.inertia = np.zeros(n)
         self.bias = np.zeros(n)
+        self.load = np.zeros(n)
         self._evaluate = form.local_terms
         # The kernel sees these arrays and no others: one signature, compiled here. Other
         # strides, or a read-only argument, would be compiled when they first come, in the loop.
