@@ -20,6 +20,7 @@ Scalars = float | tuple[float, ...]  # one value for all joints, or one per join
 Magnitudes = NonNegative | tuple[NonNegative, ...]  # the same, none negative
 Positives = Positive | tuple[Positive, ...]  # the same, all above 0
 AtLeastOne = Annotated[float, Meta(ge=1)]
+Deflection = Annotated[float, Meta(ge=1e-9)]
 Seed = Annotated[int, Meta(ge=0)]
 
 
@@ -107,7 +108,7 @@ class PlantTable(_Strict, frozen=True):
     friction: Literal["coulomb", "lugre"] = "coulomb"
     stribeck: AtLeastOne | tuple[AtLeastOne, ...] = 1.3
     stribeck_rad_s: Positives = 0.05
-    presliding_rad: Positives = 2e-4
+    presliding_rad: Deflection | tuple[Deflection, ...] = 2e-4
     load_friction: Magnitudes = 0.3
     torque_constant: Positives = 1.0
     armature: Magnitudes | None = None

@@ -63,7 +63,7 @@ def _faulty(i: int, torque: float, dt: float, rows: F64) -> float:
         return given
     if rows[HOLDING, i] == 0.0:
         rows[HOLDING, i] = 1.0
-        rows[HELD, i] = given
+        rows[HELD, i] = rows[APPLIED, i]  # of the substep before
     rows[RHO, i] = 0.0
     held: float = rows[HELD, i]
     return held

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dftc_rt.config.load import load_scenario
+from dftc_rt.config.scenario import FrictionFault
 from dftc_rt.dynamics.robot import load_robot
 from dftc_rt.errors import InputError
 from hil import SCENARIOS
@@ -97,6 +98,31 @@ def test_payload_and_armature_are_refused(setting: str, message: str) -> None:
     table = scenario.rig.plant
     with pytest.raises(InputError, match="closed-form plant 'arm2'"):
         plant_of(CLOSED, payload_kg=table.payload_kg, armature=table.armature)
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys"), [("payload", "payload_kg=1.0"), ("contact", "force_n=[0.0, 0.0, -5.0]")]
+)
+def test_payload_and_contact_that_come_and_go_are_refused_too(kind: str, keys: str) -> None:
+    setting = f'fault=[{{kind="friction", factor=2.0}}, {{kind="{kind}", {keys}}}]'
+    scenario = load_scenario("paper_example2", [setting], SCENARIOS).scenario
+    expected = f"fault[1].kind: found '{kind}' with the closed-form plant 'arm2'"
+    with pytest.raises(InputError) as caught:
+        check_rig(scenario, CLOSED)
+    assert str(caught.value) == f"{expected} (expected a kind that acts on joints)"
+    with pytest.raises(InputError) as caught:
+        plant_of(CLOSED, faults=scenario.fault)
+    assert str(caught.value).startswith(expected)
+    check_rig(scenario, URDF)
+
+
+def test_a_friction_fault_acts_on_a_closed_form() -> None:
+    fault = FrictionFault(factor=3.0)
+    one = plant_of(PENDULUMS, np.zeros(2), V0, faults=(fault,), viscous=0.1, coulomb=0.2)
+    other = plant_of(PENDULUMS, np.zeros(2), V0, viscous=0.3, coulomb=0.6)
+    one.advance(40)
+    other.advance(40)
+    np.testing.assert_allclose(one.q, other.q, rtol=1e-12)
 
 
 def test_no_armature_is_no_addition() -> None:

@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 
 from dftc_rt.config.scenario import (
+    BiasFault,
+    ContactFault,
     Fault,
+    FrictionFault,
     IntermittentFault,
     LossFault,
+    PayloadFault,
     RampFault,
     SineFault,
     TotalFault,
@@ -60,8 +64,27 @@ def test_two_faults_on_one_joint_multiply() -> None:
 
 
 @pytest.mark.parametrize(
+    ("fault", "joints"),
+    [
+        (BiasFault(joint="b", torque_nm=1.0), [0.0, 1.0]),
+        (PayloadFault(payload_kg=1.0), [1.0, 1.0]),
+        (PayloadFault(joint="a", payload_kg=1.0), [1.0, 1.0]),
+        (ContactFault(force_n=(0.0, 0.0, -1.0)), [1.0, 1.0]),
+        (FrictionFault(factor=1.5), [1.0, 1.0]),
+        (FrictionFault(joint="a", factor=1.5), [1.0, 0.0]),
+    ],
+)
+def test_active_is_said_of_every_joint_that_it_concerns(fault: Fault, joints: list[float]) -> None:
+    rho, active = np.empty(2), np.empty(2)
+    effectiveness(5.0, compile_faults([fault], JOINTS), rho, active)
+    assert active.tolist() == joints
+    assert rho.tolist() == [1.0, 1.0]
+
+
+@pytest.mark.parametrize(
     ("fault", "where"),
     [
+        (PayloadFault(joint="c", payload_kg=1.0), "fault[0].joint"),
         (TotalFault(joint="c"), "fault[0].joint"),
         (TotalFault(joint="a", start_s=3.0, end_s=2.0), "fault[0].end_s"),
     ],

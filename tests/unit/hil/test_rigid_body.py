@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
 
-from dftc_rt.config.scenario import DriveTable, LossFault, PlantTable
+from dftc_rt.config.scenario import DriveTable, Fault, LossFault, PlantTable
 from dftc_rt.dynamics.model import Robot
 from dftc_rt.dynamics.robot import load_robot
 from dftc_rt.dynamics.whole_body import WholeBody
@@ -38,7 +38,7 @@ def plant_of(
     v0: F64 | None = None,
     *,
     drive: DriveTable = STILL,
-    faults: tuple[LossFault, ...] = (),
+    faults: tuple[Fault, ...] = (),
     closed: tuple[int, ...] = (),
     **table: Any,
 ) -> RigidBodyPlant:
