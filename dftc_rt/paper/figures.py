@@ -59,22 +59,29 @@ def draw_all(curves: Mapping[str, Solution], drawn: Drawn, folder: Path) -> list
     Raises:
         InputError: A file cannot be written.
     """
+    from matplotlib import style
+
+    with style.context("default"):  # whatever the user's matplotlibrc says
+        return [path for n in drawn.examples for path in _draw(curves, drawn, n, folder)]
+
+
+def _draw(curves: Mapping[str, Solution], drawn: Drawn, example: int, folder: Path) -> list[Path]:
+    """Draw the five figures of an example."""
     files: list[Path] = []
-    for example in drawn.examples:
-        healthy = curves[slug(fault_free(example, drawn.epsilon))]
-        without = curves[slug(drawn.faulty(example, "none"))]
-        tolerant = curves[slug(drawn.faulty(example, drawn.gain))]
-        first = PER_EXAMPLE * (example - 1) + 1
-        figures = (
-            tracking(healthy, "without a fault"),
-            tracking(without, "under the fault, without the gain"),
-            identification(healthy),
-            effectiveness(estimates(curves, drawn, example)),
-            tracking(tolerant, f"under the fault; gain: {gain_words(drawn.gain)}"),
-        )
-        for number, figure in enumerate(figures, start=first):
-            figure.suptitle(f"Fig. {number}. {figure.get_suptitle()}", fontsize=10)
-            files += save(figure, folder / name(number))
+    healthy = curves[slug(fault_free(example, drawn.epsilon))]
+    without = curves[slug(drawn.faulty(example, "none"))]
+    tolerant = curves[slug(drawn.faulty(example, drawn.gain))]
+    first = PER_EXAMPLE * (example - 1) + 1
+    figures = (
+        tracking(healthy, "without a fault"),
+        tracking(without, "under the fault, without the gain"),
+        identification(healthy),
+        effectiveness(estimates(curves, drawn, example)),
+        tracking(tolerant, f"under the fault; gain: {gain_words(drawn.gain)}"),
+    )
+    for number, figure in enumerate(figures, start=first):
+        figure.suptitle(f"Fig. {number}. {figure.get_suptitle()}", fontsize=10)
+        files += save(figure, folder / name(number))
     return files
 
 

@@ -133,6 +133,13 @@ def test_a_folder_made_for_nothing_is_removed(
     assert capfd.readouterr().err == "dftc: interrupted\n"
 
 
+def alive(process: psutil.Process) -> bool:
+    try:
+        return process.status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_no_worker_outlives_the_command(number: int, tmp_path: Path) -> None:
     folder = tmp_path / "new"
@@ -145,7 +152,7 @@ def test_no_worker_outlives_the_command(number: int, tmp_path: Path) -> None:
     workers = watched.children()
     started.send_signal(number)
     out, err = started.communicate(timeout=60)
-    until(lambda: not any(w.is_running() for w in workers), "the end of the workers")
+    until(lambda: not any(alive(worker) for worker in workers), "the end of the workers")
     assert out == b""
     if number == signal.SIGINT:
         assert started.returncode == 130
