@@ -21,10 +21,13 @@ ACTUATOR_KINDS: Final = frozenset(
         "lock_in_place", "bias", "saturation", "lag",
     )
 )  # fmt: skip
-"""Faults for which the verdict "actuator loss" is right."""
+"""Faults for which the verdict "actuator loss" is right.
 
-RESTLESS_KINDS: Final = frozenset({"sine", "intermittent"})
-"""Profiles that never stand still, so an estimate never settles on them."""
+Not so for payload, contact and friction: every motor is healthy, and the verdict a false alarm.
+"""
+
+RESTLESS_KINDS: Final = frozenset({"sine", "intermittent", "saturation", "dead_zone"})
+"""Effectiveness that never stands still, so an estimate never settles on it."""
 
 RUNNING_STATES: Final = (3.0, 4.0)  # run, degraded: as logged in /cycle
 RAMP_ONSET: Final = 0.95  # effectiveness below which a ramp counts as begun
@@ -38,7 +41,7 @@ class FaultSpec:
     """One fault as the scenario gives it.
 
     Attributes:
-        joint: Joint it acts on; "" for one that acts on no joint in particular.
+        joint: Joint it acts on; "" for one that acts on the whole arm.
         kind: As in the scenario file.
         start_s: When it begins, s; for a ramp see :func:`with_onsets`.
         end_s: When it ends, s.
@@ -50,6 +53,11 @@ class FaultSpec:
     start_s: float
     end_s: float = 1e9
     effectiveness: float | None = None
+
+
+def actuator_faults(faults: Iterable[FaultSpec]) -> tuple[FaultSpec, ...]:
+    """Those that are faults of an actuator."""
+    return tuple(fault for fault in faults if fault.kind in ACTUATOR_KINDS)
 
 
 def scenario_of(run: Run, where: str = "the log") -> dict[str, Any]:

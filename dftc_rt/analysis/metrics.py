@@ -126,10 +126,12 @@ def _joint(
     window = running & fault_windows.fault_window(t, faults, joint)
     after = running & fault_windows.fault_window(t, faults, joint, skip_s=0.0)
     own = [fault for fault in faults if fault.joint == joint]
+    lossy = fault_windows.actuator_faults(own)
     begun = [pair for pair in zip(faults, begins, strict=True) if pair[0].joint == joint]
+    begun_lossy = [pair for pair in begun if pair[0].kind in ACTUATOR_KINDS]
     torque = run.cycle["tau_cmd"][running, i]
     verdict = np.where(running, run.cycle["verdict"][:, i], HEALTHY)
-    alarms, alarm_s = _false_alarms(t, verdict, own, period)
+    alarms, alarm_s = _false_alarms(t, verdict, lossy, period)
     rho = fault_windows.rho_at(run, t)
     rho_error = np.full(len(t), np.nan) if rho is None else run.cycle["rho_hat"][:, i] - rho[:, i]
     limit = None if run.torque_limit is None else run.torque_limit[i]
@@ -139,9 +141,9 @@ def _joint(
         None if twin is None else _twin_rms(twin, faults, joint) * 1e3,
         np.max(np.abs(error[after]), initial=0.0) * 1e3 if after.any() else None,
         _rms(rho_error[window]),
-        _settle(t, rho_error, None if rho is None else rho[:, i], running, own),
-        _delay(t, ~np.isin(verdict, (HEALTHY, NOT_OBSERVABLE)), begun),
-        _delay(t, verdict == ACTUATOR_LOSS, [p for p in begun if p[0].kind in ACTUATOR_KINDS]),
+        _settle(t, rho_error, None if rho is None else rho[:, i], running, lossy),
+        _delay(t, ~np.isin(verdict, (HEALTHY, NOT_OBSERVABLE)), begun_lossy or begun),
+        _delay(t, verdict == ACTUATOR_LOSS, begun_lossy),
         alarms,
         alarm_s,
         _rms(torque),
@@ -159,7 +161,7 @@ def _twin_rms(twin: Run, faults: Sequence[FaultSpec], joint: str) -> float:
 def _settle(
     t: F64, error: F64, rho: F64 | None, running: Mask, own: Sequence[FaultSpec]
 ) -> float | None:
-    """From the joint's first fault to the last time the estimate was off by over 0.05."""
+    """From the actuator's first fault to the last time the estimate was off by over 0.05."""
     if not own or rho is None or own[0].kind in RESTLESS_KINDS:
         return None
     span = running & fault_windows.within(t, [(own[0].start_s, own[0].end_s)])
@@ -190,8 +192,8 @@ def _delay(t: F64, raised: Mask, begun: Sequence[tuple[FaultSpec, float]]) -> fl
 def _false_alarms(
     t: F64, verdict: F64, own: Sequence[FaultSpec], period: float
 ) -> tuple[int, float]:
-    """Entries into, and time in s spent in, verdict 1 where no fault excuses it."""
-    spans = [(f.start_s, f.end_s + GRACE_S) for f in own if f.kind in ACTUATOR_KINDS]
+    """Entries into, and time in s spent in, verdict 1 where no actuator fault excuses it."""
+    spans = [(f.start_s, f.end_s + GRACE_S) for f in own]
     false = ~fault_windows.within(t, spans)
     loss = verdict == ACTUATOR_LOSS
     entered = loss & ~np.concatenate(([False], loss[:-1]))

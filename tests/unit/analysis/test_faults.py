@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import pytest
 
-from dftc_rt.analysis.faults import FaultSpec, faults_of, scenario_of
+from dftc_rt.analysis.faults import (
+    ACTUATOR_KINDS,
+    FaultSpec,
+    actuator_faults,
+    faults_of,
+    scenario_of,
+)
 from dftc_rt.config.load import load_scenario
+from dftc_rt.config.scenario import Fault
 from dftc_rt.errors import LogError
 from hil import SCENARIOS
 
@@ -22,6 +31,28 @@ def test_faults_of_a_resolved_scenario(make: Maker) -> None:
         FaultSpec("panda_joint2", "ramp", 2.0, 1e9, 0.5),
         FaultSpec("panda_joint4", "total", 7.0, 8.0, 0.0),
     )
+
+
+def test_faults_of_the_whole_arm_have_no_joint(make: Maker) -> None:
+    text = load_scenario(
+        SCENARIOS / "panda_shoulder_loss.toml",
+        ['fault=[{kind="payload", payload_kg=1.0, start_s=2.0},'
+         '{kind="contact", joint="panda_joint4", force_n=[0.0, 0.0, -20.0], end_s=8.0},'
+         '{kind="friction", factor=1.5}, {kind="bias", joint="panda_joint1", torque_nm=2.0}]'],
+    ).text  # fmt: skip
+    found = faults_of(scenario_of(make(text)))
+    assert found == (
+        FaultSpec("", "payload", 2.0),
+        FaultSpec("panda_joint4", "contact", 0.0, 8.0),
+        FaultSpec("", "friction", 0.0),
+        FaultSpec("panda_joint1", "bias", 0.0),
+    )
+    assert actuator_faults(found) == found[3:]
+
+
+def test_every_kind_is_an_actuators_or_not() -> None:
+    kinds = {fault.__struct_config__.tag for fault in get_args(Fault)}
+    assert kinds - ACTUATOR_KINDS == {"payload", "contact", "friction"}
 
 
 def test_no_scenario_no_faults(make: Maker) -> None:

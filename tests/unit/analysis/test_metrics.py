@@ -286,6 +286,47 @@ def test_a_payload_called_a_loss_is_a_false_alarm(make: Maker) -> None:
     assert found["false_alarms"] == 1
 
 
+@pytest.mark.parametrize("kind", ["payload", "contact", "friction"])
+@pytest.mark.parametrize("acts_on", ["", "a"])
+def test_what_is_no_actuator_fault_excuses_no_alarm(make: Maker, kind: str, acts_on: str) -> None:
+    run = make()
+    run.cycle["verdict"][between(run, 4.2, 4.5)] = 3.0  # rightly called a disturbance
+    run.cycle["verdict"][between(run, 4.5, 6)] = 1.0  # wrongly a loss
+    found = evaluate(run, faults=[FaultSpec(acts_on, kind, 4.0, 8.0)])["joints"]
+    for name in ("a", "b"):
+        assert found[name]["detection_delay_s"] is None
+        assert found[name]["rho_settle_s"] is None
+        assert found[name]["false_alarms"] == 1
+        assert found[name]["false_alarm_s"] == pytest.approx(1.5)
+        assert (found[name]["anomaly_delay_s"] is None) == (name != acts_on)
+
+
+def test_a_loss_after_a_payload_is_judged_from_its_own_start(make: Maker) -> None:
+    run = make()
+    assert run.rig is not None
+    run.rig["rho"][between(run, 6, 8), 0] = 0.6
+    run.cycle["rho_hat"][between(run, 6.2, 8), 0] = 0.6
+    run.cycle["verdict"][between(run, 4.1, 4.5), 0] = 2.0
+    run.cycle["verdict"][between(run, 6.1, 6.3), 0] = 7.0
+    run.cycle["verdict"][between(run, 6.3, 8), 0] = 1.0
+    payload, loss = FaultSpec("a", "payload", 4.0, 1e9), FaultSpec("a", "loss", 6.0, 8.0, 0.6)
+    found = joint(run, "a", payload, loss)
+    assert found["anomaly_delay_s"] == pytest.approx(0.1)
+    assert found["detection_delay_s"] == pytest.approx(0.3)
+    assert found["rho_settle_s"] == pytest.approx(0.19)
+    assert found["false_alarms"] == 0
+
+
+@pytest.mark.parametrize("kind", ["saturation", "dead_zone"])
+def test_what_comes_through_of_a_torque_never_stands_still(make: Maker, kind: str) -> None:
+    run = make()
+    assert run.rig is not None
+    run.rig["rho"][between(run, 4, 8), 0] = 0.7
+    run.cycle["rho_hat"][between(run, 4.1, 8), 0] = 0.7
+    assert joint(run, "a", FaultSpec("a", "loss", 4.0, 8.0))["rho_settle_s"] is not None
+    assert joint(run, "a", FaultSpec("a", kind, 4.0, 8.0))["rho_settle_s"] is None
+
+
 def test_each_entry_is_one_alarm(make: Maker) -> None:
     run = make()
     for start in (1.0, 2.0, 3.0):
