@@ -161,21 +161,16 @@ def rich_data(example: int, seed: int = SEED) -> Samples:
 
 
 def own_data(solution: Solution, start_s: float = 1.0, spacing: int = 10) -> Samples:
-    """Samples of the paper's own run, for comparison; its identifier learns from no other.
+    """Samples of the paper's own run before the fault: what its identifier learns from.
 
     Args:
-        solution: Of a variant without a fault.
+        solution: Of any variant of the example.
         start_s: The transient before it is left out, s.
         spacing: Every so many samples of the solution.
-
-    Raises:
-        InputError: The solution has a fault.
     """
-    if solution.variant.fault:
-        raise InputError("solution", "a run with the fault", "one without")
     example = solution.example.number
     form = _plant(example)
-    at = np.flatnonzero(solution.window(start_s))[::spacing]
+    at = np.flatnonzero(solution.window(start_s, solution.example.fault_s))[::spacing]
     q, v, signals = solution.q[at], solution.v[at], solution.signals[at]
     u, acc = np.ascontiguousarray(signals[:, U_CMD]), np.empty_like(q)
     for k in range(len(at)):
