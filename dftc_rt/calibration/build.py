@@ -79,6 +79,7 @@ def with_statistics(
         msgspec.structs.replace(
             joint,
             gains={
+                "attribution": 1.0,  # competing explanations: they need a trusted variance
                 "floor_nm": _round(each.floor_nm),
                 "floor_fraction": 0.0,
                 "velocity_noise": _round(each.velocity_noise),
