@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from dftc_rt.cli.session import open_session
+from dftc_rt.control.dftc import Dftc
 from dftc_rt.control.interface import NONFINITE_LAW
 from dftc_rt.control.signals import AD, AGE, NAMES, QD, RHO_HAT, TAU_CMD, TAU_LAW, VD, Q, V
 from tests.paper.contributions import Reach, at_1_khz, continuous, recorded
@@ -122,13 +123,16 @@ class Replay:
 FEEDBACK = ((Q, "q"), (V, "v"), (QD, "qd"), (VD, "vd"), (AD, "ad"), (AGE, "age"))
 
 
-def _replay(*settings: str, ftc: bool) -> Replay:
-    """Feed what a Panda measured under the fault to a law built with other settings."""
+def _replay(*settings: str, ftc: bool, limit: float | None = None) -> Replay:
+    """Feed what a Panda measured under the fault to a law with other settings, or limits in Nm."""
     cycle = recorded(PANDA, *SHORT).cycle
     overrides = [*SHORT, f"control.ftc={str(ftc).lower()}"]
     parts = open_session(PANDA, [*overrides, *(f"control.{s}" for s in settings)]).parts
     count, n = cycle["q"].shape
     rec, status = np.zeros((count, len(NAMES), n)), np.zeros(count, dtype=int)
+    if limit is not None:
+        assert isinstance(parts.law, Dftc)
+        parts.law.storage.parameters["limit"] = limit
     parts.law.start(cycle["q"][0], cycle["v"][0])
     for k in range(count):
         for index, name in FEEDBACK:
@@ -190,6 +194,16 @@ def test_it_is_not_where_adaptation_waits_for_an_amplified_command_that_saturate
     at_limit = np.abs(told) >= tolerant.limit[joint] * (1.0 - 1e-12)
     assert at_limit.any()
     assert np.argmax(at_limit) >= first - 5  # the pause shows as soon as s leaves the dead zone
+
+
+def test_nor_is_it_so_with_the_defaults_where_the_torque_does_not_suffice() -> None:
+    """δ̂ and ξ̂ wait as well: a drive that the law alone would not saturate, but the gain does."""
+    enough = 1.01 * float(np.abs(_replay(ftc=False).rec[:, TAU_LAW]).max())
+    tolerant, without = (_replay(ftc=ftc, limit=enough) for ftc in (True, False))
+    assert not tolerant.same(without).all()
+    adapting = "gains.freeze_saturated=off"
+    tolerant, without = (_replay(adapting, ftc=ftc, limit=enough) for ftc in (True, False))
+    assert tolerant.same(without).all()
 
 
 def test_it_is_not_where_the_printed_observer_overflows() -> None:
