@@ -13,6 +13,7 @@ closed loop.
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -59,7 +60,8 @@ def cannot_follow(faulty_rms: float, healthy_rms: float) -> bool:
         faulty_rms: RMS tracking error after the fault, rad.
         healthy_rms: That of the same reading over the same seconds without the fault, rad.
     """
-    return bool(faulty_rms > LOST_RAD and faulty_rms >= LOST_RATIO * healthy_rms)
+    healthy = math.isfinite(healthy_rms)
+    return healthy and bool(faulty_rms > LOST_RAD and faulty_rms >= LOST_RATIO * healthy_rms)
 
 
 def follows(rho_rmse: float) -> bool:

@@ -65,8 +65,8 @@ def test_local_networks_and_the_interconnection_at_desired_can(example: int) -> 
 
 def test_a_motion_that_was_not_fitted(rich: Samples, held_out: Samples) -> None:
     error = {form: rms(residual(fit(rich.example, form, rich), held_out, 0)) for form in FORMS}
-    assert error["desired"] < 0.03 * rms(held_out.acc[:, 0])
-    assert error["split"] < 0.03 * rms(held_out.acc[:, 0])
+    assert error["desired"] < 0.05 * rms(held_out.acc[:, 0])
+    assert error["split"] < 0.05 * rms(held_out.acc[:, 0])
     assert error["local"] > 10.0 * error["desired"]
 
 
