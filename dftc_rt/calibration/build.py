@@ -23,10 +23,9 @@ _DIGITS = 6
 
 def calibration_of(robot: Robot, fit: Fit, source: str, seconds: float) -> Calibration:
     """Calibration of the model alone, without settings of the estimator."""
-    last = last_joints(robot) if robot.closed_form is None else ()
     links = tuple(
         _link(robot.joints[index], fit.load[row], fit.load_std[row])
-        for row, index in enumerate(last)
+        for row, index in enumerate(last_joints(robot))
     )
 
     def numbers(i: int) -> dict[str, Any]:

@@ -11,7 +11,7 @@ multiplies τ_i + Y_i Δθ, a product of unknowns, and the fit is iterated. Fric
 armature are estimated divided by κ_i as well and multiplied again at the end.
 
 Ridge: each parameter has a prior of mean 0 (the nominal robot) whose standard deviation is what
-is plausible; what the data do not excite stays nominal, and is named.
+is plausible; what the data do not excite is held at the nominal value, and named.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ _LOAD_STD: Final = np.array([5.0, 1.0, 1.0, 1.0, *[0.3] * 6])  # kg, kg m, kg m�
 _ITERATIONS: Final = 8
 _LEAST_NOISE: Final = 2e-4  # of the torque limit: below it the model, not the noise, is the limit
 _EXCITED: Final = 0.5  # of the prior's standard deviation: above it the data said little
+_HELD: Final = 1e-6
 _LAGS: Final = 100
 
 
@@ -94,25 +95,16 @@ def fit(robot: Robot, runs: Sequence[Motion], torque_limit: F64) -> Fit:
     prior = np.concatenate(
         [np.tile(_LOAD_STD, loads // PARAMETERS), *_friction_std(robot, torque_limit)]
     )
-    alpha = slice(loads + 4 * n, None)
-    x = np.zeros(loads + 5 * n)
-    noise = np.full(n, 0.005)
-    colour = np.ones(n)
-    for _ in range(_ITERATIONS):
-        loaded = regressor @ x[:loads]
-        linear[:, :, :loads] = regressor * (1.0 + x[alpha])[:, None]
-        linear[:, joint, loads + 4 * n + joint] = nominal + loaded
-        target = torque - nominal + x[alpha] * loaded  # the product is counted once
-        weight = 1.0 / (torque_limit * noise * np.sqrt(colour))
-        normal, right = _normal(linear * weight[:, None], target * weight, prior)
-        x = np.linalg.solve(normal, right)
-        left = target - linear @ x
-        noise = np.maximum(left.std(axis=0) / torque_limit, _LEAST_NOISE)
-        colour = np.array([_colour(left[:, i]) for i in range(n)])
-    x = physical.nearest(x, normal, inertial_parameters(robot))
-    left = target - linear @ x
+    problem = _Problem(linear, torque, nominal, regressor, torque_limit)
+    x, normal = problem.solve(prior)
     std = np.sqrt(np.diag(np.linalg.inv(normal)))
-    poor = std > _EXCITED * prior
+    poor = (std > _EXCITED * prior) & (np.arange(prior.size) >= loads)
+    if poor.any():  # what the motion does not tell stays nominal, and bends nothing else
+        x, normal = problem.solve(np.where(poor, _HELD * prior, prior))
+        std = np.where(poor, std, np.sqrt(np.diag(np.linalg.inv(normal))))
+    x = physical.nearest(x, normal, inertial_parameters(robot))
+    left = problem.target - linear @ x
+    alpha = slice(loads + 4 * n, None)
     scale = 1.0 / (1.0 + x[alpha])  # κ
     blocks = {name: slice(loads + k * n, loads + (k + 1) * n) for k, name in enumerate(FRICTION)}
     values = {name: x[block] * scale for name, block in blocks.items()}
@@ -131,6 +123,47 @@ def fit(robot: Robot, runs: Sequence[Motion], torque_limit: F64) -> Fit:
         tuple(tuple(name for name in FRICTION if poor[blocks[name]][i]) for i in range(n)),
         q.size,
     )
+
+
+class _Problem:
+    """The iterated, weighted ridge regression.
+
+    Attributes:
+        target: Torque that the parameters have to explain, (K, n), Nm.
+    """
+
+    def __init__(
+        self, linear: F64, torque: F64, nominal: F64, regressor: F64, torque_limit: F64
+    ) -> None:
+        self._linear = linear
+        self._torque = torque
+        self._nominal = nominal
+        self._regressor = regressor
+        self._limit = torque_limit
+        self.target = torque - nominal
+
+    def solve(self, prior: F64) -> tuple[F64, F64]:
+        """Parameters and their normal matrix, for prior standard deviations."""
+        linear, loads, n = self._linear, self._regressor.shape[2], self._limit.size
+        joint = np.arange(n)
+        alpha = slice(loads + 4 * n, None)
+        x = np.zeros(linear.shape[2])
+        noise: F64 = np.full(n, 0.005)
+        colour: F64 = np.ones(n)
+        normal = np.eye(x.size)
+        for _ in range(_ITERATIONS):
+            loaded = self._regressor @ x[:loads]
+            linear[:, :, :loads] = self._regressor * (1.0 + x[alpha])[:, None]
+            linear[:, joint, loads + 4 * n + joint] = self._nominal + loaded
+            # The product of load and torque constant is in both columns: count it once.
+            self.target = self._torque - self._nominal + x[alpha] * loaded
+            weight = 1.0 / (self._limit * noise * np.sqrt(colour))
+            normal, right = _normal(linear * weight[:, None], self.target * weight, prior)
+            x = np.linalg.solve(normal, right)
+            left = self.target - linear @ x
+            noise = np.maximum(left.std(axis=0) / self._limit, _LEAST_NOISE)
+            colour = np.array([_colour(left[:, i]) for i in range(n)])
+        return x, normal
 
 
 def _friction_std(robot: Robot, torque_limit: F64) -> tuple[F64, ...]:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from dftc_rt.dynamics.model import Robot
+from dftc_rt.dynamics.select import whole_body
 
 Array = npt.NDArray[np.float64]
 
@@ -21,7 +22,12 @@ its joint's frame (xx, xy, yy, xz, yz, zz), in kg, kg m, kg m²."""
 
 
 def last_joints(robot: Robot) -> tuple[int, ...]:
-    """Joints without a child, by index: the links that may carry an unknown load."""
+    """Joints without a child, by index: the links that may carry an unknown load.
+
+    A closed form has none: its inertia is written down.
+    """
+    if robot.closed_form is not None:
+        return ()
     parents = {int(robot.model.parents[i + 1]) - 1 for i in range(robot.n)}
     return tuple(i for i in range(robot.n) if i not in parents)
 
@@ -30,7 +36,7 @@ def rows(robot: Robot, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
     """Torque of the nominal model, and how it changes with the load.
 
     Args:
-        robot: The robot; its equations come from a URDF.
+        robot: The robot.
         q: (K, n), rad.
         v: (K, n), rad/s.
         a: (K, n), rad/s².
@@ -38,6 +44,10 @@ def rows(robot: Robot, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
     Returns:
         Torque (K, n), Nm, and regressor (K, n, 10 L) of the L last links' parameters.
     """
+    if robot.closed_form is not None:
+        body = whole_body(robot)
+        exact = [body.inverse_dynamics(*each) for each in zip(q, v, a, strict=True)]
+        return np.array(exact), np.zeros((*q.shape, 0))
     model, data = robot.model, robot.model.createData()
     last = last_joints(robot)
     columns = np.concatenate([np.arange(PARAMETERS) + PARAMETERS * i for i in last])
@@ -54,7 +64,8 @@ def rows(robot: Robot, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
 def inertial_parameters(robot: Robot) -> Array:
     """Nominal parameters of the last links, (L, 10)."""
     inertias = robot.model.inertias
-    return np.array([inertias[i + 1].toDynamicParameters() for i in last_joints(robot)])
+    found = [inertias[i + 1].toDynamicParameters() for i in last_joints(robot)]
+    return np.array(found).reshape(-1, PARAMETERS)
 
 
 def pseudo_inertia(parameters: Array) -> Array:
