@@ -13,6 +13,7 @@ from typing import Annotated, Any, Final, Literal
 import msgspec
 import numpy as np
 from cyclopts import Parameter
+from rich.cells import set_cell_size
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
@@ -155,7 +156,8 @@ def _show(found: dict[str, Any], console: Console) -> None:
     console.print(f"Fig.  {'claim':<{_CLAIM}}  {'measured':>{_VALUE}}  verdict", soft_wrap=True)
     for figure in found["figures"]:
         value = f"{summary.number(figure['rows'][0]['number'])} {figure['unit']}".rstrip()
-        line = Text(f"{figure['figure']:4}  {figure['claim']:<{_CLAIM}}  {value:>{_VALUE}}  ")
+        claim = set_cell_size(figure["claim"], _CLAIM)
+        line = Text(f"{figure['figure']:4}  {claim}  {value:>{_VALUE}}  ")
         verdict = figure["verdict"]
         line.append(verdict, {REPRODUCES: "green", CONDITIONAL: "yellow"}.get(verdict, "bold red"))
         for condition in figure["conditions"]:

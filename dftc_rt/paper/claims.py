@@ -199,7 +199,7 @@ class Judge:
 
         rows = [row(name, self._of(gain=name)) for name in _PAPERS]
         for what, m in (
-            ("identifier adapting", self._of(gain="measured", identifier="adapt")),
+            ("identifier adapting", self._of(gain="true_rho", identifier="adapt")),
             ("δ̂, ξ̂ held", self._of(gain="true_rho", robust="held")),
             ("δ̂, ξ̂ removed", self._of(gain="true_rho", robust="removed")),
             *((f"ε = {e:g}", self._of(e, gain="true_rho")) for e in self._others),
@@ -242,9 +242,9 @@ class Judge:
         for name in _PAPERS:
             told = (_TOLD,) if name == "true_rho" else ()
             rows.append(row(f"gain from {_WORDS[name]}", self._of(gain=name), True, *told))
-        adapting = self._of(gain="measured", identifier="adapt")
+        adapting = self._of(gain="true_rho", identifier="adapt")
         what = "identifier adapting"
-        rows.append(row(f"gain from {_WORDS['measured']}, {what}", adapting, True, what))
+        rows.append(row(f"gain from {_WORDS['true_rho']}, {what}", adapting, True, _TOLD, what))
         for robust, what in (("held", "δ̂, ξ̂ held"), ("removed", "δ̂, ξ̂ removed (Remark 6)")):
             title = f"gain from {_WORDS['true_rho']}, {what}"
             rows.append(row(title, self._of(gain="true_rho", robust=robust), True, _TOLD, what))

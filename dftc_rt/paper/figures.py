@@ -180,6 +180,8 @@ def save(figure: Figure, stem: Path) -> list[Path]:
     import matplotlib
 
     files = []
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # what has been laid out once stays so in both files
     for suffix, metadata in ((".png", {"Software": None}), (".svg", {"Date": None})):
         path = stem.with_suffix(suffix)
         try:

@@ -1,8 +1,8 @@
 """Which runs the summary needs, and their computation on a few cores.
 
 A run is a :class:`Variant`: which estimate drives the gain, what becomes of δ̂, ξ̂ and of the
-identifier under the fault, and ε. A loop with a gain carries the other observers of its kind
-along, the printed ones or ours; more of them would only make it slower.
+identifier under the fault, and ε. A loop carries along only the observers that a row needs;
+each more makes it slower.
 """
 
 from __future__ import annotations
@@ -106,12 +106,21 @@ def fault_free(example: int, epsilon: float) -> Variant:
     return Variant(example, epsilon, fault=False, identifier="adapt")
 
 
-def carried(variant: Variant) -> tuple[ObserverReading, ...]:
-    """The observers that run along in a variant's loop."""
-    if variant.gain not in observers.NAMES:
-        return ()
-    ours = variant.gain in OURS
-    return tuple(reading for reading in observers.READINGS if (reading.name in OURS) == ours)
+def carried(variant: Variant, epsilon: float) -> tuple[ObserverReading, ...]:
+    """The observers that run along in a variant's loop.
+
+    Args:
+        variant: The variant.
+        epsilon: ε of the figures; loops at another one carry less, as fewer rows need them.
+    """
+    own = variant.gain
+    if own == "true_rho":
+        names: tuple[str, ...] = ("true_rho", "measured")
+    elif own in OURS and variant.epsilon == epsilon:
+        names = OURS
+    else:
+        names = (own,)
+    return tuple(reading for reading in observers.READINGS if reading.name in names)
 
 
 def standard(example: int, epsilon: float) -> list[Variant]:
@@ -127,7 +136,7 @@ def standard(example: int, epsilon: float) -> list[Variant]:
         Variant(example, epsilon, gain="desired"),
         Variant(example, epsilon, gain="measured"),
         Variant(example, epsilon, gain="true_rho"),
-        Variant(example, epsilon, gain="measured", identifier="adapt"),
+        Variant(example, epsilon, gain="true_rho", identifier="adapt"),
         Variant(example, epsilon, gain="true_rho", robust="held"),
         Variant(example, epsilon, gain="true_rho", robust="removed"),
     ]
@@ -196,7 +205,8 @@ def compute(
         visible = {slug(v): v for v in shown(drawn, example)}
         wanted = {slug(v): v for v in standard(example, drawn.epsilon)} | visible
         for name, variant in wanted.items():
-            tasks.append(Task(name, simulate, (variant, name in visible), lane))
+            arguments = (variant, carried(variant, drawn.epsilon), name in visible)
+            tasks.append(Task(name, simulate, arguments, lane))
     tasks += extra
     count = 0
 
@@ -214,15 +224,18 @@ def compute(
     )
 
 
-def simulate(variant: Variant, curves: bool) -> tuple[Measures, Solution | None]:
+def simulate(
+    variant: Variant, readings: Sequence[ObserverReading], curves: bool
+) -> tuple[Measures, Solution | None]:
     """Simulate and measure a variant; runs in a worker.
 
     Args:
         variant: What; with networks of the observer ``fitted`` from rich data.
+        readings: Observers that run along.
         curves: Whether the solution is returned too, thinned.
     """
     fitted = dataclasses.replace(variant, fitted=_fitted(variant.example))
-    solution = solve(fitted, readings=carried(variant))
+    solution = solve(fitted, readings=readings)
     return measure(solution), thin(solution) if curves else None
 
 

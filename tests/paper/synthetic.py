@@ -25,7 +25,7 @@ def solution(variant: Variant, step_s: float = 1e-2, **changed: Any) -> Solution
     signals = np.zeros((len(t), SIGNALS, 2))
     signals[:, QD, 0], signals[:, QD, 1] = np.sin(t), 0.5 * np.cos(t)
     rho = example.effectiveness(t) if variant.fault else np.ones(len(t))
-    names = tuple(reading.name for reading in carried(variant))
+    names = tuple(reading.name for reading in carried(variant, variant.epsilon))
     estimates = np.repeat(rho[:, None], len(names) * 2, axis=1).reshape(len(t), len(names), 2)
     made = Solution(
         example, variant, t, signals[:, QD, :].copy(), np.zeros((len(t), 2)), signals, estimates,

@@ -92,7 +92,8 @@ def test_identification_needs_both_errors_to_vanish() -> None:
 
 def test_an_estimate_that_needs_the_true_rho_says_so() -> None:
     blind = with_rho(measured=0.2)
-    names = [slug(Variant(2, gain="measured", identifier=i)) for i in ("frozen", "adapt")]
+    names = [slug(Variant(2, gain="measured"))]
+    names += [slug(Variant(2, gain="true_rho", identifier=i)) for i in ("frozen", "adapt")]
     names += [slug(Variant(2, gain="true_rho", robust=r)) for r in ("held", "removed")]
     names += [slug(Variant(2, e, gain="true_rho")) for e in (0.1, 0.001)]
     finding = judged(dict.fromkeys(names, blind))[9]
