@@ -54,8 +54,12 @@ def test_torque_and_effectiveness(fault: Fault, cases: dict[float, tuple[float, 
 
 
 def test_a_stuck_motor_holds_what_it_gave_from_start_to_end() -> None:
-    fault = StuckTorqueFault(joint="joint2", start_s=0.003, end_s=0.006)
-    plant = plant_of(ARM2, faults=(fault, LossFault(joint="joint2", effectiveness=0.5)))
+    faults = (
+        StuckTorqueFault(joint="joint2", start_s=0.003, end_s=0.006),
+        StuckTorqueFault(joint="joint2", start_s=0.007),
+        LossFault(joint="joint2", effectiveness=0.5),
+    )
+    plant = plant_of(ARM2, faults=faults)
     assert told(plant, 9.0) == (4.5, 0.5)
     assert told(plant, 9.0) == (4.5, 0.5)
     plant.command[1] = 10.0
@@ -66,7 +70,11 @@ def test_a_stuck_motor_holds_what_it_gave_from_start_to_end() -> None:
         plant.advance(4)
         assert plant.applied[1] == 5.0
         assert plant.rho[1] == 0.0
-    assert told(plant, -7.0) == (-3.5, 0.5)
+    plant.command[1] = -7.0
+    plant.advance(4)
+    assert plant.applied[1] == -3.5
+    assert plant.rho[1] == 0.5
+    assert told(plant, 8.0) == (-3.5, 0.0)  # stuck again, elsewhere
 
 
 def test_a_further_lag_has_its_time_constant_and_does_not_show_in_the_current() -> None:
@@ -106,7 +114,8 @@ def test_a_closed_brake_holds_whatever_the_fault(closed: tuple[int, ...]) -> Non
     plant = plant_of(
         ARM2, np.array([0.3, 0.7]), closed=closed, friction="lugre", coulomb=2.0,
         faults=(
-            BiasFault(joint="joint2", torque_nm=30.0), StuckTorqueFault(joint="joint2"),
+            BiasFault(joint="joint2", torque_nm=30.0),
+            StuckTorqueFault(joint="joint2", start_s=0.04),
             LagFault(joint="joint2", lag_s=0.01), PayloadFault(payload_kg=3.0, start_s=0.02),
             ContactFault(force_n=(50.0, 0.0, 0.0)), FrictionFault(factor=0.0, start_s=0.03),
         ),

@@ -123,7 +123,7 @@ def test_contact_does_the_work_of_a_force_on_the_links_origin(joint: str | None)
 
 
 def test_friction_that_rises_is_friction_that_was_higher() -> None:
-    faults = (FrictionFault(factor=2.0), FrictionFault(joint="panda_joint2", factor=1.5))
+    faults = (FrictionFault(joint="panda_joint2", factor=1.5), FrictionFault(factor=2.0))
     table: dict[str, Any] = {"viscous": 0.4, "coulomb": 0.6}
     for friction in ("coulomb", "lugre"):
         plant = run(plant_of(PANDA, Q0, V0, faults=faults, friction=friction, **table), 80)
