@@ -23,8 +23,9 @@ from dftc_rt.drives.wiring import bus_members, bus_names, drive_configs, joint_s
 from dftc_rt.dynamics.calibrated import calibrated
 from dftc_rt.dynamics.interface import JointTerms
 from dftc_rt.dynamics.model import Robot
-from dftc_rt.dynamics.select import local_terms, whole_body
+from dftc_rt.dynamics.select import lagrangian_terms, local_terms, whole_body
 from dftc_rt.dynamics.tabulated import TabulatedTerms, refuse_closed_form
+from dftc_rt.effectiveness import schedule
 from dftc_rt.errors import InputError
 from dftc_rt.reference import Reference, stop_ramp
 from dftc_rt.rt.clock import Clock, FakeClock
@@ -100,6 +101,8 @@ def prepare(scenario: Scenario, robot: Robot, calibration: Calibration | None = 
         robot.velocity_limit,
         whole_body(robot).inverse_dynamics,
         None if robot.friction is None else robot.friction.add_to,
+        lagrangian_terms(robot),
+        schedule(scenario.fault, robot.joints),
     )
     reference = Reference(scenario.reference, robot.home)
     check_reference(reference, robot, scenario.duration_s)

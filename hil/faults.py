@@ -15,6 +15,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from dftc_rt import effectiveness as shares
 from dftc_rt.config import scenario as kinds
 from dftc_rt.config.scenario import Fault
 from dftc_rt.errors import InputError
@@ -22,8 +23,7 @@ from hil.plants.layout import BIAS, CEILING, DEAD_ZONE, FRICTION, LAG, STUCK, TO
 
 F64 = NDArray[np.float64]
 
-_CONSTANT, _RAMP, _SINE, _INTERMITTENT = range(4)
-_BIAS, _SATURATION, _DEAD_ZONE, _STUCK_TORQUE, _LAG, _FRICTION = range(4, 10)
+_BIAS, _SATURATION, _DEAD_ZONE, _STUCK_TORQUE, _LAG, _FRICTION = range(shares.LAST + 1, 10)
 PAYLOAD: Final = 10
 CONTACT: Final = 11
 _EVERY_JOINT: Final = -1
@@ -70,17 +70,10 @@ def compile_faults(faults: Sequence[Fault], joints: Sequence[str]) -> NDArray[np
 
 
 def _parameters(fault: Fault) -> tuple[int, tuple[float, ...]]:
+    share = shares.profile(fault)
+    if share is not None:
+        return share
     match fault:
-        case kinds.LossFault():
-            return _CONSTANT, (fault.effectiveness,)
-        case kinds.RampFault():
-            return _RAMP, (fault.to, fault.over_s)
-        case kinds.SineFault():
-            return _SINE, (fault.mean, fault.amplitude, fault.omega_rad_s)
-        case kinds.IntermittentFault():
-            return _INTERMITTENT, (fault.effectiveness, fault.period_s, fault.duty)
-        case kinds.TotalFault():
-            return _CONSTANT, (0.0,)
         case kinds.BiasFault():
             return _BIAS, (fault.torque_nm,)
         case kinds.SaturationFault():
@@ -97,6 +90,7 @@ def _parameters(fault: Fault) -> tuple[int, tuple[float, ...]]:
             return PAYLOAD, (fault.payload_kg, *fault.com_m)
         case kinds.ContactFault():
             return CONTACT, fault.force_n
+    raise AssertionError(fault)  # the union has no other kind
 
 
 @numba.njit(cache=True)
@@ -124,18 +118,8 @@ def effectiveness(t: float, faults: NDArray[np.void], rho: F64, active: F64) -> 
             active[:] = 1.0
         else:
             active[f.joint] = 1.0
-        if f.profile > _INTERMITTENT:
-            continue
-        if f.profile == _CONSTANT:
-            value = f.a
-        elif f.profile == _RAMP:
-            value = 1.0 + (f.a - 1.0) * min((t - f.start) / f.b, 1.0)
-        elif f.profile == _SINE:
-            value = min(max(f.a + f.b * np.cos(f.c * t), 0.0), 1.0)
-        else:
-            phase = ((t - f.start) / f.b) % 1.0
-            value = f.a if phase < f.c else 1.0
-        rho[f.joint] *= value
+        if f.profile <= shares.LAST:
+            rho[f.joint] *= shares.value(f.profile, t, f.start, f.a, f.b, f.c)
 
 
 @numba.njit(cache=True)

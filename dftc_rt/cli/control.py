@@ -72,6 +72,9 @@ def control(
         EnvironmentLacksError: The machine lacks what was asked for.
     """
     opened = session.open_session(scenario, set_)
+    if bus.startswith("socketcan:") and opened.scenario.control.law == "oracle":
+        # It would raise the torque of a healthy joint to make up for a fault that is not there.
+        raise InputError("control.law", "oracle on real drives", "a law that nobody tells faults")
     join = functools.partial(_join, opened, scenario, bus, bus_dir)
     for socket in join():  # fail here, in one line, rather than in a child
         socket.close()

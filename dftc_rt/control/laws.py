@@ -8,14 +8,22 @@ from typing import Any, Final
 import numpy as np
 
 from dftc_rt.control import derate, settings
-from dftc_rt.control.baselines.computed_torque import AddFriction, ComputedTorque, InverseDynamics
+from dftc_rt.control.baselines.adaptive import Adaptive
+from dftc_rt.control.baselines.base import AddFriction, Effectiveness, InverseDynamics, Matrices
+from dftc_rt.control.baselines.computed_torque import ComputedTorque
+from dftc_rt.control.baselines.eso import Eso
+from dftc_rt.control.baselines.momentum import Momentum
+from dftc_rt.control.baselines.oracle import Oracle
+from dftc_rt.control.baselines.pd_gravity import PdGravity
 from dftc_rt.control.dftc import Dftc
 from dftc_rt.control.interface import F64, Law
 from dftc_rt.control.layout import Joints
 from dftc_rt.control.settings import Value
 from dftc_rt.errors import InputError
 
-NAMES: Final = ("dftc", "paper", "computed_torque")
+NAMES: Final = (
+    "dftc", "paper", "computed_torque", "momentum", "eso", "adaptive", "oracle", "pd_gravity",
+)  # fmt: skip
 
 
 def build(
@@ -32,6 +40,8 @@ def build(
     velocity_limit: F64,
     inverse_dynamics: InverseDynamics | None = None,
     add_friction: AddFriction | None = None,
+    matrices: Matrices | None = None,
+    effectiveness: Effectiveness | None = None,
 ) -> Law:
     """Make a law by name.
 
@@ -48,10 +58,12 @@ def build(
         q_upper: Upper position limits, (n,), rad; an infinite one is taken as π.
         velocity_limit: (n,), rad/s; an infinite or zero one is taken as 3 rad/s.
         inverse_dynamics: (q, v, a) to torque of the whole robot, in (n,) each. Needed by
-            ``computed_torque``; given to any law, it lowers λ and k at set-up to what the
-            coupled robot holds (setting ``delay_phase``).
+            ``computed_torque``, ``momentum`` and ``pd_gravity``; given to any law, it lowers λ
+            and k at set-up to what the coupled robot holds (setting ``delay_phase``).
         add_friction: Adds the calibrated friction at a velocity to a torque; None: none is
-            assumed. The law ``dftc`` has it in ``bias``.
+            assumed. Laws that read ``bias`` have it there.
+        matrices: M, C and G of the whole robot, for ``momentum`` and ``adaptive``.
+        effectiveness: True ρ over time, for ``oracle``.
 
     Raises:
         InputError: The name is unknown, or a value is wrong.
@@ -80,11 +92,44 @@ def build(
     gains = dict(gains)
     if name != "paper" and inverse_dynamics is not None:
         gains.update(_held(gains, joints, inverse_dynamics))
-    if name == "computed_torque":
-        if inverse_dynamics is None:
-            raise InputError("control.law", "computed_torque", "a model of the whole robot")
-        return ComputedTorque(joints, gains, inverse_dynamics, add_friction)
-    return Dftc(joints, gains, ftc=ftc, printed=name == "paper")
+    return _law(name, joints, gains, ftc, inverse_dynamics, add_friction, matrices, effectiveness)
+
+
+def _law(
+    name: str,
+    joints: Joints,
+    gains: Mapping[str, Value],
+    ftc: bool,
+    inverse_dynamics: InverseDynamics | None,
+    add_friction: AddFriction | None,
+    matrices: Matrices | None,
+    effectiveness: Effectiveness | None,
+) -> Law:
+    """The law itself, once its arguments are checked."""
+    if name in ("dftc", "paper"):
+        return Dftc(joints, gains, ftc=ftc, printed=name == "paper")
+    if name == "eso":
+        return Eso(joints, gains, add_friction, ftc=ftc)
+    if name == "oracle":
+        if effectiveness is None:
+            raise InputError("control.law", name, "a schedule of the true effectiveness")
+        return Oracle(joints, gains, effectiveness, ftc=ftc)
+    if name == "adaptive":
+        return Adaptive(joints, gains, _needed(name, matrices), add_friction, ftc=ftc)
+    if inverse_dynamics is None:
+        raise InputError("control.law", name, "a model of the whole robot")
+    if name == "momentum":
+        model = _needed(name, matrices)
+        return Momentum(joints, gains, inverse_dynamics, model, add_friction, ftc=ftc)
+    simple = PdGravity if name == "pd_gravity" else ComputedTorque
+    return simple(joints, gains, inverse_dynamics, add_friction)
+
+
+def _needed(name: str, matrices: Matrices | None) -> Matrices:
+    """The matrices, or one line that says who has none."""
+    if matrices is None:
+        raise InputError("control.law", name, "a robot whose C(q, q̇) is known: no closed form")
+    return matrices
 
 
 def _held(

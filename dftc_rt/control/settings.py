@@ -117,6 +117,12 @@ NUMBERS: Final[tuple[Setting, ...]] = (
     Setting("slope_std", 0.3, 0.3, "1/s", "change of a disturbance, in torque limits", 1e-3),
     Setting("compensation", 0.3, 0.0, "1", "most torque added while unattributed, of the limit"),
     Setting("compensation_rate", 5.0, 0.0, "1/s", "its largest slope, in torque limits"),
+    # baselines
+    Setting("momentum_bandwidth", 100.0, 100.0, "rad/s", "K of the law `momentum`", 1e-3),
+    Setting("momentum_memory_s", 0.05, 0.05, "s", "memory of its regression of ρ", 1e-6),
+    Setting("eso_ratio", 10.0, 10.0, "1", "ω of the law `eso` over √(k λ)", 1e-3),
+    Setting("gamma_theta", 7e4, 7e4, "1/s²", "γ u_max²/M_ii of the law `adaptive`"),
+    Setting("dead_zone_theta", 0.008, 0.008, "rad/s", "|s| below it does not feed its θ̂"),
     # gain
     Setting("rho_min", 0.15, 0.01, "1", "least ρ̂ in the gain (33)", 0.01, 1.0),
     Setting("rho_max", 1.0, INF, "1", "largest ρ̂ in the gain (33)", 1.0),
@@ -136,6 +142,12 @@ CHOICES: Final[tuple[Setting, ...]] = (
             ("cusum", "hypotheses")),
     Setting("gain_gate", 0, 1, "", "gain (33) after an actuator loss was decided, or always",
             0, 1, ("attributed", "always")),
+    Setting("momentum_gate", 1, 1, "", "gain of the law `momentum`: as gain_gate, or of every ρ̂",
+            0, 1, ("attributed", "always")),
+    Setting("eso_model", 1, 1, "", "what the law `eso` knows: friction, or all local terms", 0, 1,
+            ("none", "split")),
+    Setting("eso_velocity", 1, 1, "", "velocity that the law `eso` feeds back: z2, or measured",
+            0, 1, ("estimated", "measured")),
 )  # fmt: skip
 SHAPE: Final[tuple[Setting, ...]] = (
     Setting("basis", 0, 1, "", "centres: grid over the joint's range, or the paper's diagonal",

@@ -57,3 +57,19 @@ class EquationsOfMotion(Protocol):
     def mass_matrix(self, q: Array) -> Array:
         """M (n, n), kg m^2, symmetric."""
         ...
+
+
+class LagrangianTerms(Protocol):
+    """M(q) q̈ + C(q, q̇) q̇ + G(q) = u, term by term. Every result is a new array."""
+
+    def mass_matrix(self, q: Array) -> Array:
+        """M (n, n), kg m^2, symmetric."""
+        ...
+
+    def coriolis_matrix(self, q: Array, v: Array) -> Array:
+        """C (n, n), Nm s/rad, the Christoffel one: Ṁ = C + Cᵀ."""
+        ...
+
+    def gravity(self, q: Array) -> Array:
+        """G (n,), Nm."""
+        ...

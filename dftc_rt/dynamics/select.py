@@ -8,7 +8,7 @@ import numpy.typing as npt
 from dftc_rt.dynamics.closed_form.local_terms import ClosedFormTerms
 from dftc_rt.dynamics.closed_form.whole_body import ClosedFormBody
 from dftc_rt.dynamics.friction import TermsWithFriction
-from dftc_rt.dynamics.interface import EquationsOfMotion, JointTerms
+from dftc_rt.dynamics.interface import EquationsOfMotion, JointTerms, LagrangianTerms
 from dftc_rt.dynamics.local_terms import LocalTerms
 from dftc_rt.dynamics.model import Robot
 from dftc_rt.dynamics.surrogate import Interconnection
@@ -44,3 +44,8 @@ def whole_body(robot: Robot) -> EquationsOfMotion:
     if robot.closed_form is None:
         return WholeBody(robot)
     return ClosedFormBody(robot.closed_form)
+
+
+def lagrangian_terms(robot: Robot) -> LagrangianTerms | None:
+    """M, C and G of the whole robot; None for a closed form, which states C q̇ + G as one."""
+    return WholeBody(robot) if robot.closed_form is None else None
