@@ -203,7 +203,7 @@ class ClosedLoop:
         mode = Mode(
             delta=delta, xi=xi, learns=networks == ON,
             trains=not faulty or variant.identifier == "adapt", source=source,
-            error13=read.error13, applied12=read.applied12, sgn18=read.sgn18,
+            known=read.known, error13=read.error13, applied12=read.applied12, sgn18=read.sgn18,
             delivered18=read.delivered18, limit=read.limit_nm,
         )  # fmt: skip
         self._phase = (

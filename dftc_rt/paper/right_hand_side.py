@@ -59,6 +59,7 @@ class Mode(NamedTuple):
         trains: The identifier adapts.
         source: Index of the observer that drives the gain, :data:`NO_GAIN` or
             :data:`TRUE_GAIN`.
+        known: f̂, ĝ of the controller are those of the split at `desired`.
         error13: |e| in the place of |s| in (13).
         applied12: u as applied in (12), not the law before the gain.
         sgn18: sgn(e_2o) is in (18).
@@ -71,6 +72,7 @@ class Mode(NamedTuple):
     learns: bool
     trains: bool
     source: int
+    known: bool
     error13: bool
     applied12: bool
     sgn18: bool
@@ -135,6 +137,8 @@ def _build(local_terms: Compiled, forward_dynamics: Compiled) -> tuple[Compiled,
             basis.gaussian(q[i], v[i], _CENTRES, p.inv_width1, p.inv_width2, sigma)
             wf, wg = basis.network(x[W_F], sigma), basis.network(x[W_G], sigma)
             f_hat, g_hat = rates.models(p, 1.0, 0.0, wf, wg)
+            if mode.known:
+                f_hat, g_hat = law.drift(inertia[0, i], bias[0, i], 0.0), 1.0 / inertia[0, i]
             delta = 0.0 if mode.delta == REMOVED else x[DELTA]
             xi = 0.0 if mode.xi == REMOVED else x[XI]
             e2 = v[i] - desired[1, i]

@@ -40,6 +40,7 @@ HORIZON_S: Final = 10.0
 
 _OBSERVERS: Final = READINGS[:2]  # as written: on the true ρ, and on measured signals
 _TRUE, _MEASURED = 0, 1
+_FEW: Final = 8
 
 
 @dataclass(frozen=True)
@@ -141,7 +142,7 @@ def judge(candidate: Candidate) -> Row:
     fault, end = example.fault_s, min(example.duration_s, example.fault_s + HORIZON_S)
     before = integrate(head, candidate.integrator, 0.0, fault, head.initial())
     motion = head.compiled()[1][1]
-    ends = [] if before.status == "done" else [f"{before.status} before the fault"]
+    ends = [] if before.status == "done" else [f"{before.status} before the fault{_at(before)}"]
     if not ends and not criteria.tracks(_healthy(before, None, motion)):
         ends = ["does not track before the fault"]
     branches: dict[str, Stretch] = {}
@@ -152,7 +153,7 @@ def judge(candidate: Candidate) -> Row:
         stretch = integrate(loop, candidate.integrator, fault, end, before.end)
         branches[name] = stretch
         if stretch.status != "done":
-            ends.append(f"{stretch.status} {name}")
+            ends.append(f"{stretch.status} {name}{_at(stretch)}")
 
     if not ends:
         branch("without fault", "none", False)
@@ -181,6 +182,10 @@ def judge(candidate: Candidate) -> Row:
         rho[_TRUE], rho[_MEASURED], criteria.tracks(healthy), criteria.cannot_follow(bare, same),
         criteria.tracks(gained), criteria.follows(rho[_TRUE]), criteria.follows(rho[_MEASURED]),
     )  # fmt: skip
+
+
+def _at(stretch: Stretch) -> str:
+    return f", at {stretch.t[-1]:.3g} s"
 
 
 def _error(stretch: Stretch, motion: Any, start_s: float) -> F64:
@@ -224,24 +229,27 @@ def summary(rows: Sequence[Row]) -> list[str]:
     lines = []
     for example, (one, two, four, five) in ((1, (1, 2, 4, 5)), (2, (6, 7, 9, 10))):
         mine = [row for row in rows if row.example == example]
-        lost = [row for row in mine if row.needs_gain]
-        alone = [row for row in mine if row.tracks and row.cannot_follow and not row.regains]
-        lines.append(
-            f"Figure {two} (with {one} and {five}): {_some(lost)} of {len(mine)} readings; "
-            f"{len(alone)} more cannot follow but do not regain it with the gain."
-        )
-        for what, good in (
-            ("fed with the true ρ", [row for row in mine if row.rho_true and row.tracks]),
-            ("on measured signals", [row for row in mine if row.rho_measured and row.tracks]),
-        ):
-            lines.append(
-                f"Figure {four} {what} (with {one}): {_some(good)} of {len(mine)} readings."
-            )
+        lost = [row for row in mine if row.tracks and row.cannot_follow]
+        lines += [
+            f"Figures {one}, {two} and {five}: {_some([r for r in lost if r.needs_gain], mine)}.",
+            f"Figures {one} and {two}, not regained with the gain: "
+            f"{_some([r for r in lost if not r.needs_gain], mine)}.",
+            f"Figures {one} and {four}, ρ̂ fed with the true ρ: "
+            f"{_some([r for r in mine if r.tracks and r.rho_true], mine)}.",
+            f"Figures {one} and {four}, ρ̂ on measured signals: "
+            f"{_some([r for r in mine if r.tracks and r.rho_measured], mine)}.",
+            f"Undecided in example {example}, the solver gave up: "
+            f"{sum('gave up' in row.status for row in mine)} of {len(mine)} readings.",
+        ]
     return lines
 
 
-def _some(rows: Sequence[Row]) -> str:
-    return str(len(rows)) if rows else "none"
+def _some(good: Sequence[Row], all_of: Sequence[Row]) -> str:
+    """How many readings, and which if they are few."""
+    if not good:
+        return f"none of {len(all_of)} readings"
+    names = ": " + "; ".join(row.reading for row in good) if len(good) <= _FEW else ""
+    return f"{len(good)} of {len(all_of)} readings{names}"
 
 
 _HEADINGS: Final = (

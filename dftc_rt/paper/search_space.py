@@ -212,6 +212,27 @@ def _combined() -> list[Candidate]:
         found += _known(group, f"Γ_δ, Γ_ξ × {factor:g}, g_i known", gains=small)
         found += _known(group, f"Γ_δ, Γ_ξ × {factor:g}, g_i known, held", gains=small,
                         robust="held")  # fmt: skip
+    right = Reading(known=True)
+    steady = {"gamma_go": 0.002}  # ĝ_o stays where it starts
+    for factor in (1.0, 0.5):
+        slow = {"lam": 5.0 * factor, "k": 10.0 * factor}
+        name = "f_i, g_i, h_i known" + ("" if factor == 1.0 else f", λ, k × {factor:g}")
+        found += _both(group, name, reading=right, gains=slow)
+        name += ", Γ_δ, Γ_ξ = 0"
+        found += _both(group, name, reading=right, gains={**none, **slow})
+        found += _both(group, f"{name}, Γ_go = 0.002", reading=right,
+                       gains={**none, **slow, **steady})  # fmt: skip
+    for factor in (0.1, 0.001):
+        small = {"gamma_delta": _DELTA * factor, "gamma_xi": _XI * factor}
+        found += _both(group, f"f_i, g_i, h_i known, Γ_δ, Γ_ξ × {factor:g}", reading=right,
+                       gains=small)  # fmt: skip
+    found += _both(group, "f_i, g_i, h_i known, removed", reading=right, robust="removed")
+    held = Reading(networks="held")
+    for factor in (0.5, 0.3):
+        gains = {**none, **steady, "gamma_f": 1e4, "gamma_g": 1e4, "lam": 5.0 * factor,
+                 "k": 10.0 * factor}  # fmt: skip
+        name = f"Γ_δ, Γ_ξ = 0, Γ_f, Γ_g = 10000, Γ_go = 0.002, λ, k × {factor:g}, g_i known, Ŵ held"
+        found += _known(group, name, gains=gains, reading=held)
     euler = Integrator("euler", 1e-3)
     found += _known(group, "Γ_δ, Γ_ξ × 0.01, g_i known, Euler 0.001 s, exact sgn",
                     gains={"gamma_delta": 5.0, "gamma_xi": 4.0}, integrator=euler,

@@ -54,6 +54,7 @@ class Reading:
         delta: What becomes of δ̂ under the fault; None: as :attr:`Variant.robust` says.
         xi: The same of ξ̂.
         networks: The same of Ŵ_f, Ŵ_g; ``removed`` means ``held``.
+        known: f̂, ĝ in (10) are those of the split at `desired`, not of networks.
         error13: |e| in the place of |s| in (13).
         applied12: u as applied in (12).
         sgn18: sgn(e_2o) is in (18).
@@ -70,6 +71,7 @@ class Reading:
     delta: Act | None = None
     xi: Act | None = None
     networks: Act | None = None
+    known: bool = False
     error13: bool = False
     applied12: bool = False
     sgn18: bool = True
