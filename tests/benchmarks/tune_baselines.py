@@ -97,11 +97,12 @@ _LOSSES: Final = {
 }
 
 
-def runs(seed: int, seconds: float) -> list[tuple[str, list[str]]]:
+def runs(seed: int, seconds: float, exact: bool) -> list[tuple[str, list[str]]]:
     """Scenarios and their overrides; ``seed`` is that of noise and reference."""
+    unknown = () if exact else UNKNOWN
     return [
         (name, [f"seed={seed}", f"reference.seed={seed}", f"duration_s={seconds}",
-                f"fault=[{', '.join(losses)}]", *UNKNOWN])
+                f"fault=[{', '.join(losses)}]", *unknown])
         for name, losses in _LOSSES.items()
     ]  # fmt: skip
 
@@ -273,9 +274,10 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=7.0, help="length of each run")
     parser.add_argument("--law", choices=sorted(SPACE), action="append", help="default: all")
     parser.add_argument("--evaluate", action="store_true", help="compare the laws as they ship")
+    parser.add_argument("--exact", action="store_true", help="a robot that is its model")
     parser.add_argument("--thresholds", action="store_true", help="thresholds, fault-free")
     told = parser.parse_args()
-    scenarios = runs(told.seed, told.seconds)
+    scenarios = runs(told.seed, told.seconds, told.exact)
     with ProcessPoolExecutor(told.workers, get_context("spawn")) as pool:
         if told.thresholds:
             tables = [compare_thresholds(pool, scenarios)]

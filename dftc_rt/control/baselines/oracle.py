@@ -25,8 +25,8 @@ class Oracle:
     """``dftc`` with the gain 1/ρ of the true ρ, at once and without a decision.
 
     The gain takes ρ in the middle of the period in which the command acts; the record has that
-    of this cycle. A simulation only: on a robot nobody knows ρ, and a gain for a fault that is
-    not there is dangerous.
+    of this cycle, and a loss as the verdict while it is below ``rho_clear``. A simulation only:
+    on a robot nobody knows ρ, and a gain for a fault that is not there is dangerous.
 
     Attributes:
         ftc: Whether the gain is applied; the true ρ is logged in any case.
@@ -61,6 +61,7 @@ class Oracle:
         self._effectiveness = effectiveness
         parameters = self.law.storage.parameters
         self._least: F64 = parameters["rho_min"].copy()
+        self._clear: F64 = parameters["rho_clear"].copy()
         self._largest: F64 = parameters["rho_max"].copy()
         self._period = joints.period_s
         self._ahead = (joints.delay_cycles + 0.5) * joints.period_s
@@ -98,5 +99,5 @@ class Oracle:
         rec[RHO_HAT] = rho
         rec[RHO_STD] = 0.0
         rec[OBSERVABLE] = 1.0
-        rec[VERDICT] = np.where(rho < 1.0, ACTUATOR_LOSS, HEALTHY)
+        rec[VERDICT] = np.where(rho < self._clear, ACTUATOR_LOSS, HEALTHY)
         return status
