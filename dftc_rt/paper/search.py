@@ -241,6 +241,18 @@ def summary(rows: Sequence[Row]) -> list[str]:
             f"Undecided in example {example}, the solver gave up: "
             f"{sum('gave up' in row.status for row in mine)} of {len(mine)} readings.",
         ]
+    every = [
+        {row.reading for row in rows if row.example == example and row.needs_gain and row.rho_true}
+        for example in (1, 2)
+    ]
+    both = [row for row in rows if row.example == 1 and row.reading in every[0] & every[1]]
+    tried = {row.reading for row in rows if row.example == 1}
+    tried &= {row.reading for row in rows if row.example == 2}
+    shared = [row for row in rows if row.example == 1 and row.reading in tried]
+    if shared:
+        lines.append(
+            f"Figures 1, 2, 4-7, 9 and 10 at once, ρ̂ fed with the true ρ: {_some(both, shared)}."
+        )
     return lines
 
 

@@ -157,6 +157,14 @@ def test_without_its_robust_terms_the_law_does_not_track(quick: dict[str, Row]) 
     assert not quick["Γ_δ, Γ_ξ = 0, Γ_f, Γ_g = 500, g_i known"].tracks
 
 
+def test_a_controller_that_knows_its_plant_needs_the_gain(quick: dict[str, Row]) -> None:
+    """Nothing is left to hide the fault: 6, 7 and 10 hold; on measured signals 9 does not."""
+    row = quick["f_i, g_i, h_i known, Γ_δ, Γ_ξ = 0"]
+    assert row.needs_gain
+    assert row.rho_true
+    assert not row.rho_measured
+
+
 def test_table_summary_json_and_csv(quick: dict[str, Row]) -> None:
     rows = list(quick.values())
     lines = table(rows).splitlines()
