@@ -148,8 +148,8 @@ class _Problem:
         joint = np.arange(n)
         alpha = slice(loads + 4 * n, None)
         x = np.zeros(linear.shape[2])
-        noise: F64 = np.full(n, 0.005)
-        colour: F64 = np.ones(n)
+        noise = np.full(n, 0.005)
+        colour = np.ones(n)
         normal = np.eye(x.size)
         for _ in range(_ITERATIONS):
             loaded = self._regressor @ x[:loads]
@@ -159,10 +159,10 @@ class _Problem:
             self.target = self._torque - self._nominal + x[alpha] * loaded
             weight = 1.0 / (self._limit * noise * np.sqrt(colour))
             normal, right = _normal(linear * weight[:, None], self.target * weight, prior)
-            x = np.linalg.solve(normal, right)
+            x[:] = np.linalg.solve(normal, right)
             left = self.target - linear @ x
-            noise = np.maximum(left.std(axis=0) / self._limit, _LEAST_NOISE)
-            colour = np.array([_colour(left[:, i]) for i in range(n)])
+            noise[:] = np.maximum(left.std(axis=0) / self._limit, _LEAST_NOISE)
+            colour[:] = [_colour(left[:, i]) for i in range(n)]
         return x, normal
 
 
