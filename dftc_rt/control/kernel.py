@@ -18,7 +18,6 @@ from dftc_rt.control import (
     gain,
     identifier,
     law,
-    layout,
     observer,
     rates,
     reaction,
@@ -301,34 +300,25 @@ def skip(par: Any, st: Any, history: F64, ticks: int) -> None:
             x.elapsed += 1
 
 
-def build_kernel(revision: int) -> Callable[..., int]:
-    """Kernel over all joints, compiled anew when ``revision`` is another.
-
-    Args:
-        revision: Checksum of the sources, from :func:`dftc_rt.control.layout.revision`.
-    """
-
-    @njit(**_CACHE)
-    def cycle(
-        rec: F64,
-        m: F64,
-        b: F64,
-        load: F64,
-        par: Any,
-        st: Any,
-        w: F64,
-        c: F64,
-        sigma: F64,
-        history: F64,
-    ) -> int:
-        status = 0 * revision
-        for i in range(par.shape[0]):
-            p, x = par[i], st[i]
-            status |= joint(i, rec, m[i], b[i], load[i], p, x, w[i], c[i], sigma, history[i])
-        return status
-
-    kernel: Callable[..., int] = cycle
-    return kernel
+@njit(**_CACHE)
+def cycle(
+    rec: F64,
+    m: F64,
+    b: F64,
+    load: F64,
+    par: Any,
+    st: Any,
+    w: F64,
+    c: F64,
+    sigma: F64,
+    history: F64,
+) -> int:
+    """Kernel over all joints; returns the or of their status bits."""
+    status = 0
+    for i in range(par.shape[0]):
+        p, x = par[i], st[i]
+        status |= joint(i, rec, m[i], b[i], load[i], p, x, w[i], c[i], sigma, history[i])
+    return status
 
 
-CYCLE = build_kernel(layout.revision())
+CYCLE: Callable[..., int] = cycle

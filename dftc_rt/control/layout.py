@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import zlib
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -170,15 +168,3 @@ def _fit(name: str, given: F64, n: int, m: int) -> F64:
         raise InputError(
             f"control.gains.{name}", f"shape {given.shape}", f"scalar, ({m},) or ({n}, {m})"
         ) from error
-
-
-def revision() -> int:
-    """Checksum of the sources of this folder.
-
-    numba keys its cache on one file only; a kernel that closes over this number is compiled
-    anew when a block that it calls has changed.
-    """
-    total = 0
-    for path in sorted(Path(__file__).parent.rglob("*.py")):
-        total = zlib.crc32(path.read_bytes(), total)
-    return total

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import inspect
 import math
-import zlib
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -132,98 +130,78 @@ def beyond(n: int, rec: F64, i: int, status: int, p: Any, x: Any, g_hat: float) 
     return not value <= LIMITS[n]
 
 
-def build_loop(revision: int) -> Callable[..., int]:
-    """Loop, compiled anew when ``revision`` is another.
-
-    Args:
-        revision: Checksum of the sources of what is called, from :func:`revision`.
-    """
-
-    @njit(**_CACHE)
-    def loop(
-        plant: int,
-        law: Any,
-        arguments: Any,
-        uses_split: bool,
-        period: float,
-        cycles: int,
-        substeps: int,
-        motion: Any,
-        fault: F64,
-        windows: F64,
-        q: F64,
-        v: F64,
-        first: F64,
-        sums: F64,
-        counts: F64,
-        largest: F64,
-        every: int,
-        samples: F64,
-    ) -> int:
-        done = cycles + 0 * revision
-        par, st, weights, centres, sigma = law
-        offset, amplitude, omega, phase = motion
-        rec, desired = np.zeros((_ROWS, 2)), np.zeros((3, 2))
-        inertia, bias, tau, last = np.ones(2), np.zeros(2), np.zeros(2), np.zeros(2)
-        work = np.zeros((6, 2))
-        for k in range(cycles):
-            t = k * period
-            reference.sines(t, offset, amplitude, omega, phase, desired)
-            for i in range(2):
-                rec[Q, i], rec[V, i] = q[i], v[i]
-                rec[QD, i], rec[VD, i], rec[AD, i] = desired[0, i], desired[1, i], desired[2, i]
-            if uses_split:
-                split(plant, q, v, desired, inertia, bias, work)
-            status = CYCLE(rec, inertia, bias, *arguments)
-            rho1 = 1.0
-            if t >= fault[0]:
-                rho1 = fault[1] + fault[2] * math.cos(fault[3] * t)
-            stop = False
-            for i in range(2):
-                p, x = par[i], st[i]
-                g_hat = LIMITS[G_HAT]
-                if not p.g_min >= g_hat and first[G_HAT, i] > t:
-                    basis.gaussian(q[i], v[i], centres[i], p.inv_width1, p.inv_width2, sigma)
-                    wg = basis.network(weights[i, W_G], sigma)
-                    g_hat = rates.models(p, inertia[i], 0.0, 0.0, wg)[1]
-                for n in range(first.shape[0]):
-                    if first[n, i] > t and beyond(n, rec, i, status, p, x, g_hat):
-                        first[n, i] = t
-                        stop = stop or n >= TORQUE or n == RHO
-                u, e = rec[TAU_CMD, i], rec[Q, i] - rec[QD, i]
-                largest[i] = max(largest[i], abs(u))
-                miss = rec[RHO_HAT, i] - (rho1 if i == 0 else 1.0)
-                for n in range(windows.shape[0]):
-                    if windows[n, 0] <= t < windows[n, 1]:
-                        sums[n, E_SUM, i] += e * e
-                        sums[n, CHANGE_SUM, i] += (u - last[i]) * (u - last[i])
-                        sums[n, RHO_SUM, i] += miss * miss
-                        counts[n, i] += 1.0
-                last[i] = u
-                if k % every == 0:
-                    samples[k // every, 0, i], samples[k // every, 1, i] = e, u
-                    samples[k // every, 2, i] = x.delta + x.xi
-                    samples[k // every, 3, i] = rec[RHO_HAT, i]
-            if stop:
-                done = k
-                break
-            tau[0], tau[1] = rho1 * rec[TAU_CMD, 0], rec[TAU_CMD, 1]
-            advance(plant, q, v, tau, period, substeps, work)
-        return done
-
-    compiled: Callable[..., int] = loop
-    return compiled
-
-
-def revision() -> int:
-    """Checksum of the sources that the loop is compiled from, besides this file.
-
-    numba keys its cache on one file only, see :func:`dftc_rt.control.layout.revision`.
-    """
-    total = layout.revision()
-    for source in (arm2.__file__, pendulums.__file__, reference.__file__):
-        total = zlib.crc32(Path(source).read_bytes(), total)
-    return total
+@njit(**_CACHE)
+def loop(
+    plant: int,
+    law: Any,
+    arguments: Any,
+    uses_split: bool,
+    period: float,
+    cycles: int,
+    substeps: int,
+    motion: Any,
+    fault: F64,
+    windows: F64,
+    q: F64,
+    v: F64,
+    first: F64,
+    sums: F64,
+    counts: F64,
+    largest: F64,
+    every: int,
+    samples: F64,
+) -> int:
+    """Run a law, see :data:`LOOP`."""
+    done = cycles
+    par, st, weights, centres, sigma = law
+    offset, amplitude, omega, phase = motion
+    rec, desired = np.zeros((_ROWS, 2)), np.zeros((3, 2))
+    inertia, bias, tau, last = np.ones(2), np.zeros(2), np.zeros(2), np.zeros(2)
+    work = np.zeros((6, 2))
+    for k in range(cycles):
+        t = k * period
+        reference.sines(t, offset, amplitude, omega, phase, desired)
+        for i in range(2):
+            rec[Q, i], rec[V, i] = q[i], v[i]
+            rec[QD, i], rec[VD, i], rec[AD, i] = desired[0, i], desired[1, i], desired[2, i]
+        if uses_split:
+            split(plant, q, v, desired, inertia, bias, work)
+        status = CYCLE(rec, inertia, bias, *arguments)
+        rho1 = 1.0
+        if t >= fault[0]:
+            rho1 = fault[1] + fault[2] * math.cos(fault[3] * t)
+        stop = False
+        for i in range(2):
+            p, x = par[i], st[i]
+            g_hat = LIMITS[G_HAT]
+            if not p.g_min >= g_hat and first[G_HAT, i] > t:
+                basis.gaussian(q[i], v[i], centres[i], p.inv_width1, p.inv_width2, sigma)
+                wg = basis.network(weights[i, W_G], sigma)
+                g_hat = rates.models(p, inertia[i], 0.0, 0.0, wg)[1]
+            for n in range(first.shape[0]):
+                if first[n, i] > t and beyond(n, rec, i, status, p, x, g_hat):
+                    first[n, i] = t
+                    stop = stop or n >= TORQUE or n == RHO
+            u, e = rec[TAU_CMD, i], rec[Q, i] - rec[QD, i]
+            largest[i] = max(largest[i], abs(u))
+            miss = rec[RHO_HAT, i] - (rho1 if i == 0 else 1.0)
+            for n in range(windows.shape[0]):
+                if windows[n, 0] <= t < windows[n, 1]:
+                    sums[n, E_SUM, i] += e * e
+                    sums[n, CHANGE_SUM, i] += (u - last[i]) * (u - last[i])
+                    sums[n, RHO_SUM, i] += miss * miss
+                    counts[n, i] += 1.0
+            last[i] = u
+            if k % every == 0:
+                samples[k // every, 0, i], samples[k // every, 1, i] = e, u
+                samples[k // every, 2, i] = x.delta + x.xi
+                samples[k // every, 3, i] = rec[RHO_HAT, i]
+        if stop:
+            done = k
+            break
+        tau[0], tau[1] = rho1 * rec[TAU_CMD, 0], rec[TAU_CMD, 1]
+        advance(plant, q, v, tau, period, substeps, work)
+    return done
 
 
 def arguments(store: layout.Storage) -> tuple[Any, ...]:
@@ -241,7 +219,7 @@ def arguments(store: layout.Storage) -> tuple[Any, ...]:
     return tuple(by_name[name] for name in names)
 
 
-LOOP: Final = build_loop(revision())
+LOOP: Final[Callable[..., int]] = loop
 """Run a law; returns the cycles that were run, fewer than ``cycles`` after a divergence.
 
 Args:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from dftc_rt.control import gain, layout
+from dftc_rt.control import gain
 from dftc_rt.control.baselines.base import AddFriction, Baseline
 from dftc_rt.control.interface import F64, NONFINITE_INPUT, NONFINITE_LAW
 from dftc_rt.control.kernel import drive_torque
@@ -117,23 +117,18 @@ def skip(par: Any, st: Any, history: F64, ticks: int) -> None:
                 predict(x, torque, x.inertia, x.known, p.period)
 
 
-def build_kernel(revision: int) -> Callable[..., int]:
-    """Kernel over all joints, compiled anew when ``revision`` is another."""
-
-    @njit(**_CACHE)
-    def cycle(
-        rec: F64, m: F64, w: F64, ok: bool, act: bool, par: Any, st: Any, g: F64, history: F64
-    ) -> int:
-        status = 0 * revision
-        for i in range(par.shape[0]):
-            status |= joint(i, rec, m[i], w[i], ok, act, par[i], st[i], g[:, i], history[i])
-        return status
-
-    kernel: Callable[..., int] = cycle
-    return kernel
+@njit(**_CACHE)
+def cycle(
+    rec: F64, m: F64, w: F64, ok: bool, act: bool, par: Any, st: Any, g: F64, history: F64
+) -> int:
+    """Kernel over all joints; returns the or of their status bits."""
+    status = 0
+    for i in range(par.shape[0]):
+        status |= joint(i, rec, m[i], w[i], ok, act, par[i], st[i], g[:, i], history[i])
+    return status
 
 
-CYCLE = build_kernel(layout.revision())
+CYCLE: Callable[..., int] = cycle
 
 
 class Eso(Baseline):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from dftc_rt.control import decision, gain, layout, observer
+from dftc_rt.control import decision, gain, observer
 from dftc_rt.control.baselines.base import AddFriction, Baseline, InverseDynamics, Matrices
 from dftc_rt.control.interface import F64, NONFINITE_INPUT, NONFINITE_LAW
 from dftc_rt.control.kernel import drive_torque
@@ -174,26 +174,21 @@ def skip(par: Any, st: Any, history: F64, ticks: int) -> None:
             st[i].elapsed += 1
 
 
-def build_kernel(revision: int) -> Callable[..., int]:
-    """Kernel over all joints, compiled anew when ``revision`` is another."""
-
-    @njit(**_CACHE)
-    def cycle(
-        rec: F64, fresh: bool, u: F64, momentum: F64, need: F64, inertia: F64,
-        par: Any, st: Any, history: F64,
-    ) -> int:  # fmt: skip
-        status = 0 * revision
-        for i in range(par.shape[0]):
-            status |= joint(
-                i, rec, fresh, u[i], momentum[i], need[i], inertia[i], par[i], st[i], history[i]
-            )
-        return status
-
-    kernel: Callable[..., int] = cycle
-    return kernel
+@njit(**_CACHE)
+def cycle(
+    rec: F64, fresh: bool, u: F64, momentum: F64, need: F64, inertia: F64,
+    par: Any, st: Any, history: F64,
+) -> int:  # fmt: skip
+    """Kernel over all joints; returns the or of their status bits."""
+    status = 0
+    for i in range(par.shape[0]):
+        status |= joint(
+            i, rec, fresh, u[i], momentum[i], need[i], inertia[i], par[i], st[i], history[i]
+        )
+    return status
 
 
-CYCLE = build_kernel(layout.revision())
+CYCLE: Callable[..., int] = cycle
 
 
 class Momentum(Baseline):
