@@ -19,8 +19,8 @@ def test_other_readings(monkeypatch: pytest.MonkeyPatch) -> None:
     (row,) = alone.plain(results)
     assert row["example"] == 2
     page = alone.markdown(results)
-    assert "Figure 7 (with 6 and 10)" in page
-    assert "Figure 2" not in page  # nothing of the other example was run
+    assert "- Figures 6, 7 and 10: none of 1 readings." in page
+    assert "of 0 readings" not in page  # nothing of the other example was run
     assert page.count("\n| 2 |") == 1
 
 
