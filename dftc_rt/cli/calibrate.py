@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,7 +21,8 @@ from dftc_rt.cli import session
 from dftc_rt.cli.output import check_output
 from dftc_rt.cli.session import Session
 from dftc_rt.cli.simulate import run_simulation
-from dftc_rt.config.calibration import Calibration
+from dftc_rt.config.calibration import Calibration, check_joints, load_calibration
+from dftc_rt.config.load import from_text
 from dftc_rt.config.scenario import Scenario
 from dftc_rt.control.dftc import Dftc
 from dftc_rt.controller import prepare
@@ -29,6 +31,7 @@ from dftc_rt.dynamics.select import local_terms
 from dftc_rt.errors import InputError
 from dftc_rt.log.reader import read
 from dftc_rt.log.run import Run
+from dftc_rt.rt.supervisor import State
 
 F64 = NDArray[np.float64]
 
@@ -36,7 +39,10 @@ _FIRST_SEED = 1001  # of the references of calibration runs, far from those peop
 _ANOMALIES_PER_ALARM = 10.0  # an anomaly only starts a compensation that is right anyway
 _LEAST_FLOOR = 1e-3  # of the torque limit: three steps of a drive that counts in per mille
 _SKIP_S = 1.0  # after the blend
-_CUSUMS = {"threshold_anomaly": ("loss", "excess"), "threshold_loss": ("loss",)}
+_CUSUMS = {
+    "threshold_anomaly": ("loss", "excess", "more", "less"),
+    "threshold_loss": ("loss",),
+}
 
 
 def calibrate(
@@ -66,8 +72,8 @@ def calibrate(
         log: Fault-free log of a real robot, instead of simulated runs; may be repeated.
         runs: Simulated runs for the model, and again for the statistics.
         seconds: Length of each, s.
-        false_alarms_per_hour: Rate of false actuator losses, whole robot, to which the
-            thresholds are set.
+        false_alarms_per_hour: Rate to which the CUSUM thresholds are set, whole robot;
+            anomalies may come ten times as often.
         set_: Override a key, ``a.b=value``; may be repeated.
         json: Print one JSON object on stdout.
 
@@ -85,6 +91,8 @@ def calibrate(
     if given:
         source = ", ".join(str(path) for path in log)
         model_runs = given if len(given) == 1 else given[:-1]
+        if len(given) == 1:
+            print("dftc: one log: its own fit is what the statistics are of", file=sys.stderr)
     else:
         source = f"simulated, {opened.scenario.name}"
         model_runs = _simulated(opened, runs, seconds, None, console)
@@ -93,7 +101,12 @@ def calibrate(
     fit = regression.fit(opened.robot, moved, opened.robot.torque_limit)
     spent = sum(len(run.cycle["t"]) for run in model_runs) * period
     model = build.calibration_of(opened.robot, fit, source, spent)
-    checked = given or _simulated(opened, runs, seconds, model, console)
+    kappa = np.array([joint.torque_constant for joint in model.joint])
+    checked = (
+        [_rescaled(given[-1], kappa)]
+        if given
+        else _simulated(opened, runs, seconds, model, console)
+    )
     # On a log the other joints were where they were, not where this calibration would hold them.
     where = "measured" if given else opened.scenario.control.interconnection
     found = _statistics(opened, model, checked, where, false_alarms_per_hour, period)
@@ -181,8 +194,14 @@ def _session(opened: Session, scenario: Scenario, model: Calibration | None) -> 
     raise InputError("reference", "no amplitude fits the limits", "a home pose away from limits")
 
 
+def _rescaled(run: Run, factor: F64) -> Run:
+    """The run with its commands in other units: times ``factor`` (n,)."""
+    return dataclasses.replace(run, cycle={**run.cycle, "tau_cmd": run.cycle["tau_cmd"] * factor})
+
+
 def _from_log(path: Path, opened: Session) -> Run:
-    run = read(path)
+    """A log while the robot was under control, its commands in nominal torque."""
+    run = _nominal(path, read(path), opened)
     if run.joints != opened.robot.joints:
         found = "joints " + ", ".join(run.joints)
         raise InputError(str(path), found, ", ".join(opened.robot.joints))
@@ -192,7 +211,32 @@ def _from_log(path: Path, opened: Session) -> Run:
     period = 1.0 / opened.scenario.executor.rate_hz
     if len(t) < 2 or abs(float(np.median(np.diff(t))) - period) > 0.01 * period:
         raise InputError(str(path), "another cycle time", f"{1e3 * period:g} ms")
-    return run
+    running = np.flatnonzero(run.cycle["state"] == State.RUN)
+    if not running.size:
+        raise InputError(str(path), "the robot was never under control", "a run")
+    rows = slice(int(running[0]), int(running[-1]) + 1)
+    if bool((np.diff(t[rows]) > 1.5 * period).any()):
+        raise InputError(str(path), "cycles are missing", "a log without skipped cycles")
+    if bool((run.cycle["age"][rows] > 0).any()):
+        raise InputError(str(path), "answers are missing", "a log in which every joint answered")
+    return dataclasses.replace(run, cycle={k: v[rows] for k, v in run.cycle.items()})
+
+
+def _nominal(path: Path, run: Run, opened: Session) -> Run:
+    """Undo the torque constants of the calibration that the log was recorded with."""
+    if not run.scenario:
+        return run
+    used = from_text(run.scenario).control.calibration
+    if used is None:
+        return run
+    try:
+        earlier = load_calibration(used)
+    except InputError as error:
+        what = f"recorded with a calibration that cannot be read: {error}"
+        raise InputError(str(path), what, "that file, or a log recorded without one") from None
+    check_joints(earlier, opened.robot.name, opened.robot.joints, used)
+    kappa = np.array([joint.torque_constant for joint in earlier.joint])
+    return _rescaled(run, 1.0 / kappa)
 
 
 def _motion(opened: Session, run: Run, period: float) -> signals.Motion:
@@ -222,7 +266,7 @@ def _statistics(
     """Residuals of the estimator on motion that was not fitted, and thresholds from them."""
     robot, n = opened.robot, opened.robot.n
     skip = round((opened.scenario.reference.blend_s + _SKIP_S) / period)
-    fields = ("y_f", "phi_f", "loss", "excess")
+    fields = ("y_f", "phi_f", "loss", "excess", "more", "less")
 
     def replayed(calibration: Calibration) -> tuple[list[Any], Robot, Dftc]:
         scenario = _fault_free(opened.scenario, 0, 10.0, calibration)

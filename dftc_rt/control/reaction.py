@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final
 
 from numba import njit
@@ -75,7 +76,7 @@ def amplify(p: Any, x: Any, u: float) -> float:
         wanted = gain.target(x.rho, p.rho_min, p.rho_max)
     before = x.gain
     x.gain = gain.follow(before, wanted, p.gain_rate, p.period)
-    if p.attribution != HYPOTHESES or p.ftc == 0:
+    if p.attribution != HYPOTHESES or p.ftc == 0 or not math.isfinite(u):
         return u
     x.added = before * (u + x.added) / x.gain - u
     missing = 0.0

@@ -112,3 +112,29 @@ def test_another_robots_calibration_is_refused(
     error = capsys.readouterr().err
     assert "robot: found 'panda' (expected 'ur5')" in error
     assert error.count("\n") == 1
+
+
+def test_a_log_recorded_with_a_calibration_gives_the_same_torque_constants(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, second, log = tmp_path / "a.toml", tmp_path / "b.toml", tmp_path / "healthy.mcap"
+    rig = ["--set", "rig.plant.torque_constant=0.85"]
+    brief = ["--runs", "1", "--seconds", "12"]
+    assert command(["calibrate", "ur5_elbow_loss", "-o", str(first), *brief, *rig]) == 0
+    used = ["--set", f"control.calibration={first}", "--set", "fault=[]"]
+    motion = ["--set", "duration_s=12", "--set", "reference.seed=5"]
+    assert command(["simulate", "ur5_elbow_loss", "--log", str(log), *used, *motion, *rig]) == 0
+    assert command(["calibrate", "ur5_elbow_loss", "-o", str(second), "--log", str(log)]) == 0
+    constants = [
+        np.array([joint.torque_constant for joint in load_calibration(path).joint])
+        for path in (first, second)
+    ]
+    loaded = [1, 2]
+    np.testing.assert_allclose(constants[0][loaded], 0.85, atol=0.01)
+    np.testing.assert_allclose(constants[1][loaded], constants[0][loaded], atol=0.01)
+    first.unlink()
+    capsys.readouterr()
+    assert command(["calibrate", "ur5_elbow_loss", "-o", str(second), "--log", str(log)]) == 2
+    error = capsys.readouterr().err
+    assert "recorded with a calibration that cannot be read" in error
+    assert error.count("\n") == 1
