@@ -127,13 +127,21 @@ class Sampled:
         rho_rmse: RMSE of ρ̂_1 in the faulty time.
         rms_mrad: Tracking error of the joints there, RMS, (2,), mrad.
         largest_mrad: The same, largest magnitude.
-        ending: How the run ended: ``done``.
+        ending: How the run ended; after anything but ``done`` the numbers are NaN, because
+            what was left of the faulty time says nothing of the rest.
     """
 
     rho_rmse: float
     rms_mrad: tuple[float, ...]
     largest_mrad: tuple[float, ...]
     ending: str
+
+    def __post_init__(self) -> None:
+        if self.ending != "done":
+            nothing = (math.nan,) * len(self.rms_mrad)
+            object.__setattr__(self, "rho_rmse", math.nan)
+            object.__setattr__(self, "rms_mrad", nothing)
+            object.__setattr__(self, "largest_mrad", nothing)
 
 
 def known(number: float) -> float | None:

@@ -130,6 +130,9 @@ def test_targets_are_held_against_their_limits() -> None:
         judge = Judge(EXAMPLES[2], found, Drawn(), Sampled(noisy, (1, 1), (2, 2), "done"))
         assert [t.limit for t in judge.targets()] == limits
         assert judge.targets()[2].met is expected
+    stopped = Judge(EXAMPLES[2], found, Drawn(), Sampled(0.001, (1, 1), (2, 2), "safe stop"))
+    assert stopped.targets()[2].number is None
+    assert not stopped.targets()[2].met
     worse = found | {loop: with_rho(desired=0.0051, fitted=0.0201)}
     assert [t.met for t in Judge(EXAMPLES[2], worse, Drawn()).targets()] == [False] * 3
 
