@@ -47,6 +47,7 @@ def paper(
     identifier: Literal["adapt", "frozen"] = "frozen",
     discrete: bool = False,
     search: bool = False,
+    fit: bool = False,
     json: bool = False,
 ) -> int:
     """Draw the paper's figures and say what of them reproduces.
@@ -70,6 +71,7 @@ def paper(
             minutes more.
         search: Also look for a reading of the paper that gives Figs. 2, 4 and 7; takes minutes
             more.
+        fit: Also fit the networks of our observer in other forms and to other data.
         json: Print the summary as one JSON object on stdout.
 
     Returns:
@@ -84,6 +86,7 @@ def paper(
     )
     figures.require()
     extended = [
+        *([studies.fitted(drawn.examples)] if fit else []),
         *([studies.discretised(drawn.examples)] if discrete else []),
         *([studies.searched(drawn.examples)] if search else []),
     ]

@@ -1,4 +1,4 @@
-"""Two further studies that a summary may carry: other readings, and the law in discrete time.
+"""Further studies that a summary may carry: other readings, other fits, the law in discrete time.
 
 Each takes minutes. Their runs are tasks for the same workers as the figures' own.
 """
@@ -6,11 +6,11 @@ Each takes minutes. Their runs are tasks for the same workers as the figures' ow
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
-from dftc_rt.paper import discrete, discrete_cases, search, search_space
+from dftc_rt.paper import discrete, discrete_cases, fit_rows, search, search_space
 from dftc_rt.paper.pool import Task
 
 
@@ -34,17 +34,38 @@ class Study:
 
     def plain(self, results: Mapping[str, Any]) -> Any:
         """Return its rows as plain data."""
-        rows = self.rows(results)
-        encoded = search.to_json(rows) if self.key == "search" else discrete.to_json(rows)
-        return json.loads(encoded)
+        return json.loads(_JSON[self.key](self.rows(results)))
 
     def markdown(self, results: Mapping[str, Any]) -> str:
         """Return its tables."""
         rows = self.rows(results)
         if self.key == "discrete":
             return discrete.table(rows)
+        if self.key == "fit":
+            return fit_rows.table(_joined(rows))
         sentences = [line for line in search.summary(rows) if " of 0 readings" not in line]
         return "\n".join([*(f"- {line}" for line in sentences), "", search.table(rows)])
+
+
+def _joined(rows: Sequence[Any]) -> list[Any]:
+    """The rows of every example in one list."""
+    return [row for of_example in rows for row in of_example]
+
+
+_JSON: Final[dict[str, Callable[[list[Any]], str]]] = {
+    "search": search.to_json,
+    "discrete": discrete.to_json,
+    "fit": lambda rows: fit_rows.to_json(_joined(rows)),
+}
+
+
+def fitted(examples: Sequence[int]) -> Study:
+    """Fit the networks of our observer in other forms and to other data."""
+    tasks = (
+        Task(f"fit {number}", fit_rows.compare, (number,), lane)
+        for lane, number in enumerate(examples)
+    )
+    return Study("fit", "The fitted observer, by networks and data", tuple(tasks))
 
 
 def searched(examples: Sequence[int]) -> Study:

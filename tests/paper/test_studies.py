@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dftc_rt.paper import discrete_cases, search_space, studies
+from dftc_rt.paper import discrete_cases, fit_rows, search_space, studies
 
 
 def test_other_readings(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -35,3 +35,12 @@ def test_discrete_time(monkeypatch: pytest.MonkeyPatch) -> None:
     plain = study.plain(results)
     assert len(plain["rows"]) == 2
     assert "Each cell is one run." in study.markdown(results)
+
+
+def test_other_fits(monkeypatch: pytest.MonkeyPatch) -> None:
+    row = fit_rows.FitRow(1, "x_i alone", "rich", 10.0, 5.0, 0.3, 0.1, 0.2, 0.04)
+    monkeypatch.setattr(fit_rows, "compare", lambda number: [row, row][:number])
+    study = studies.fitted((1, 2))
+    results = {task.name: task.function(*task.arguments) for task in study.tasks}
+    assert [each["rho_rmse"] for each in study.plain(results)] == [0.04] * 3
+    assert study.markdown(results).count("x_i alone") == 3
