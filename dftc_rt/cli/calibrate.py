@@ -84,6 +84,8 @@ def calibrate(
         InputError: Something in the scenario or a log is wrong, or there is too little motion.
     """
     check_output(output)
+    if output.exists() and output.stat().st_size:
+        load_calibration(output)  # something else than a calibration is not replaced
     _check_numbers(runs, seconds, false_alarms_per_hour)
     opened = session.open_session(scenario, set_)
     given = [_from_log(path, opened) for path in log]
@@ -121,8 +123,8 @@ def calibrate(
 
 
 def _check_numbers(runs: int, seconds: float, rate: float) -> None:
-    if runs < 1:
-        raise InputError("--runs", f"found {runs}", "1 or more")
+    if not 1 <= runs <= 100:
+        raise InputError("--runs", f"found {runs}", "1 to 100")
     if not 5.0 <= seconds <= 3600.0:
         raise InputError("--seconds", f"found {seconds:g}", "5 to 3600")
     if not 0.0 < rate <= 1000.0:
@@ -215,6 +217,11 @@ def _from_log(path: Path, opened: Session) -> Run:
     if not running.size:
         raise InputError(str(path), "the robot was never under control", "a run")
     rows = slice(int(running[0]), int(running[-1]) + 1)
+    least = opened.scenario.reference.blend_s + _SKIP_S + 3.0
+    if (rows.stop - rows.start) * period < least:
+        found = f"{(rows.stop - rows.start) * period:.2f} s under control"
+        hint = "control.law=computed_torque records where the estimator would stop"
+        raise InputError(str(path), found, f"more than {least:g} s; {hint}")
     if bool((np.diff(t[rows]) > 1.5 * period).any()):
         raise InputError(str(path), "cycles are missing", "a log without skipped cycles")
     if bool((run.cycle["age"][rows] > 0).any()):
@@ -320,14 +327,21 @@ def _statistics(
 
 
 def _show(found: Calibration, console: Console) -> None:
-    table = Table(title=f"{found.robot}: {found.seconds:g} s, {found.source}")
-    for name in ("joint", "viscous", "Coulomb", "offset", "armature", "torque constant", "left, %"):
-        table.add_column(name, justify="left" if name == "joint" else "right")
+    table = Table(title=f"{found.robot}: {found.seconds:g} s, {found.source}", box=None)
+    for name, unit in zip(
+        ("joint", "viscous", "Coulomb", "offset", "armature", "torque const.", "left"),
+        ("", "Nm s/rad", "Nm", "Nm", "kg m²", "", "% of limit"),
+        strict=True,
+    ):
+        first = name == "joint"
+        table.add_column(f"{name}\n{unit}", justify="left" if first else "right", no_wrap=first)
     for joint, left in zip(found.joint, found.held_out_percent, strict=True):
         table.add_row(
             joint.name,
             *(
-                f"{getattr(joint, key):.3g} ± {getattr(joint, key + '_std'):.1g}"
+                "nominal"
+                if key in joint.not_excited
+                else f"{getattr(joint, key):.3g} ± {getattr(joint, key + '_std'):.1g}"
                 for key in regression.FRICTION
             ),
             f"{left:.2f}",

@@ -19,6 +19,8 @@ from dftc_rt.errors import InputError
 _NonNegative = Annotated[float, Meta(ge=0)]
 _Positive = Annotated[float, Meta(gt=0)]
 
+_MOST_INFLATION: Final = 1e4
+
 FORMAT: Final = 1
 """Version of the file."""
 
@@ -39,7 +41,7 @@ class LinkLoad(_Strict, frozen=True, kw_only=True):
     """
 
     joint: str
-    mass_kg: _Positive
+    mass_kg: Annotated[float, Meta(gt=0, le=1000)]
     mass_std_kg: _NonNegative = 0.0
     first_moment_kg_m: tuple[float, float, float]
     inertia_kg_m2: tuple[float, float, float, float, float, float]
@@ -67,9 +69,9 @@ class JointCalibration(_Strict, frozen=True, kw_only=True):
     coulomb_std: _NonNegative = 0.0
     offset: float = 0.0
     offset_std: _NonNegative = 0.0
-    armature: _NonNegative
+    armature: Annotated[float, Meta(ge=0, le=1000)]
     armature_std: _NonNegative = 0.0
-    torque_constant: _Positive = 1.0
+    torque_constant: Annotated[float, Meta(ge=0.2, le=5)] = 1.0
     torque_constant_std: _NonNegative = 0.0
     not_excited: tuple[str, ...] = ()
     gains: dict[str, float] = {}
@@ -107,7 +109,10 @@ def load_calibration(path: str | Path) -> Calibration:
         MissingFileError: There is no such file.
         InputError: It is not a calibration: names file, key path, what was found and expected.
     """
-    found = toml.load(Path(path), Calibration)
+    try:
+        found = toml.load(Path(path), Calibration)
+    except RecursionError:
+        raise InputError(str(path), "nested too deeply", "a calibration file") from None
     if found.format != FORMAT:
         raise InputError(f"{path}: format", f"found {found.format}", f"{FORMAT}")
     for index, link in enumerate(found.link):
@@ -136,6 +141,11 @@ def calibration_gains(calibration: Calibration, where: str) -> dict[str, tuple[f
     Raises:
         InputError: A joint lacks a setting that another has.
     """
+    for index, joint in enumerate(calibration.joint):
+        inflation = joint.gains.get("inflation", 1.0)
+        if not 1.0 <= inflation <= _MOST_INFLATION:  # beyond it nothing would ever be noticed
+            expected = f"1 to {_MOST_INFLATION:g}"
+            raise InputError(f"{where}: joint[{index}].gains.inflation", f"{inflation:g}", expected)
     keys = sorted({key for joint in calibration.joint for key in joint.gains})
     for index, joint in enumerate(calibration.joint):
         for key in keys:

@@ -29,6 +29,7 @@ def calibrated(robot: Robot, calibration: Calibration, where: str) -> Robot:
         InputError: It is another robot's, or a link that no body can have.
     """
     check_joints(calibration, robot.name, robot.joints, where)
+    _refuse_more_than_the_drive(robot, calibration, where)
 
     def column(name: str) -> Array:
         return np.array([getattr(joint, name) for joint in calibration.joint])
@@ -45,6 +46,16 @@ def calibrated(robot: Robot, calibration: Calibration, where: str) -> Robot:
         friction=Friction(column("viscous"), column("coulomb"), column("offset")),
         torque_constant=tuple(joint.torque_constant for joint in calibration.joint),
     )
+
+
+def _refuse_more_than_the_drive(robot: Robot, calibration: Calibration, where: str) -> None:
+    """Refuse friction that the drive could not overcome: a wrong file moves the arm."""
+    for index, (joint, limit) in enumerate(zip(calibration.joint, robot.torque_limit, strict=True)):
+        for name in ("viscous", "coulomb", "offset"):
+            value = abs(getattr(joint, name))
+            if value > limit:
+                found, expected = f"{value:g}", f"at most the torque limit, {limit:g}"
+                raise InputError(f"{where}: joint[{index}].{name}", found, expected)
 
 
 def _with_links(robot: Robot, calibration: Calibration, where: str) -> Robot:
