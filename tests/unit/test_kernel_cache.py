@@ -15,9 +15,8 @@ SHOW = "import os, dftc_rt; print(os.environ['NUMBA_CACHE_DIR'], dftc_rt.__file_
 def _cache(root: Path, **environment: str) -> Path:
     kept = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
     given = {**kept, **environment, "PYTHONPATH": str(root)}
-    out = subprocess.run(
-        [sys.executable, "-c", SHOW], cwd=root, env=given, capture_output=True, text=True, check=True
-    )
+    command = [sys.executable, "-c", SHOW]
+    out = subprocess.run(command, cwd=root, env=given, capture_output=True, text=True, check=True)
     place, file = out.stdout.split()
     assert Path(file).is_relative_to(root)
     return Path(place)
