@@ -32,12 +32,12 @@ def test_a_law_that_raises(made: list[InProcessRig], monkeypatch: pytest.MonkeyP
     law = opened.parts.law
     update, calls = law.update, [0]
 
-    def fail(rec: Any, inertia: Any, bias: Any) -> int:
+    def fail(rec: Any, inertia: Any, bias: Any, load: Any) -> int:
         calls[0] += 1
         if calls[0] == 300:
             assert made[0].rig.drives.operation_enabled.all()
             raise FloatingPointError("a law of one's own")
-        return update(rec, inertia, bias)
+        return update(rec, inertia, bias, load)
 
     monkeypatch.setattr(law, "update", fail)
     with pytest.raises(FloatingPointError):

@@ -102,7 +102,7 @@ class Law:
     def skip(self, ticks: int) -> None:
         self.skipped.append(ticks)
 
-    def update(self, rec: F64, inertia: F64, bias: F64) -> int:
+    def update(self, rec: F64, inertia: F64, bias: F64, load: F64 | None = None) -> int:
         rec[signals.S] = np.where(self.failing, np.nan, 0.0)
         rec[signals.TAU_LAW] = 2.0 * self.tau
         rec[signals.TAU_CMD] = self.tau
@@ -112,7 +112,7 @@ class Law:
 
 
 class NoTerms:
-    inertia = bias = np.zeros(2)
+    inertia = bias = load = np.zeros(2)
 
     def update(self, *_: object) -> None:
         raise AssertionError("this law uses no local terms")
@@ -259,9 +259,9 @@ def test_times_of_a_cycle_are_told_apart(bench: Bench) -> None:
     bench.link.cost = {6: 250_000}
     update = bench.law.update
 
-    def slow(rec: F64, inertia: F64, bias: F64) -> int:
+    def slow(rec: F64, inertia: F64, bias: F64, load: F64) -> int:
         bench.clock.time += 70_000
-        return update(rec, inertia, bias)
+        return update(rec, inertia, bias, load)
 
     bench.law.update = slow  # type: ignore[method-assign]
     bench.run()
