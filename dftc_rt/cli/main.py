@@ -23,6 +23,7 @@ def build() -> App:
 
     from dftc_rt.cli import (
         analyze,
+        benchmark,
         calibrate,
         control,
         doctor,
@@ -57,6 +58,7 @@ def build() -> App:
         report.report,
         recover.recover,
         paper.paper,
+        benchmark.benchmark,
         robots.robots,
         doctor.doctor,
     ):

@@ -28,8 +28,8 @@ from dftc_rt.paper import figures, runs, series, studies, summary
 from dftc_rt.paper.claims import Judge
 from dftc_rt.paper.examples import EXAMPLES
 from dftc_rt.paper.measures import largest, rms
-from dftc_rt.paper.pool import Task
 from dftc_rt.paper.verdicts import CONDITIONAL, REPRODUCES, Sampled
+from dftc_rt.pool import Task
 
 SCENARIOS: Final = {1: "paper_example1", 2: "paper_example2"}
 """Shipped scenarios that run the examples through the product's own path, by example."""

@@ -20,9 +20,9 @@ from dftc_rt.paper.examples import EXAMPLES
 from dftc_rt.paper.fit import fit
 from dftc_rt.paper.measures import Measures, measure
 from dftc_rt.paper.observers import ObserverReading
-from dftc_rt.paper.pool import Task, available
-from dftc_rt.paper.pool import run as run_tasks
 from dftc_rt.paper.variant import Variant
+from dftc_rt.pool import Task, available
+from dftc_rt.pool import run as run_tasks
 
 WORKERS: Final = 2
 EPSILONS: Final = (0.1, 0.01, 0.001)

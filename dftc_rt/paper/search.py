@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 from dftc_rt.paper import search_criteria as criteria
 from dftc_rt.paper.closed_loop import ClosedLoop
 from dftc_rt.paper.observers import READINGS
-from dftc_rt.paper.pool import Task, run
 from dftc_rt.paper.search_integrators import Stretch, integrate
 from dftc_rt.paper.search_space import Candidate, space
+from dftc_rt.pool import Task, run
 from dftc_rt.reference import sines
 
 F64 = NDArray[np.float64]

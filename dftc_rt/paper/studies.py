@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from dftc_rt.paper import discrete, discrete_cases, fit_rows, search, search_space
-from dftc_rt.paper.pool import Task
+from dftc_rt.pool import Task
 
 
 @dataclass(frozen=True)

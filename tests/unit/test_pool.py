@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
+from collections.abc import Iterator
 
 import pytest
 
 from dftc_rt.errors import EnvironmentLacksError
-from dftc_rt.paper.pool import Task, run
+from dftc_rt.pool import Task, run
 
 
 def threads_and_pid() -> tuple[str, int]:
@@ -17,6 +18,15 @@ def threads_and_pid() -> tuple[str, int]:
 
 def double(value: int) -> int:
     return 2 * value
+
+
+def counted(first: int) -> Iterator[int]:
+    yield from range(first, first + 3)
+
+
+def breaks_later() -> Iterator[int]:
+    yield 1
+    raise ValueError("on purpose")
 
 
 def broken() -> None:
@@ -59,3 +69,26 @@ def test_a_killed_worker_is_a_lack_of_the_machine() -> None:
 
 def test_nothing_to_do() -> None:
     assert run([], 2) == {}
+
+
+def test_what_a_generator_yields_comes_as_it_is_made() -> None:
+    seen: list[tuple[str, int]] = []
+    order: list[str] = []
+
+    def item(task: Task, value: int) -> None:
+        seen.append((task.name, value))
+        order.append("item")
+
+    tasks = [Task("a", counted, (0,)), Task("b", counted, (10,)), Task("c", double, (4,))]
+    found = run(tasks, 2, lambda task: order.append(task.name), item)
+    assert found == {"a": None, "b": None, "c": 8}
+    assert [value for name, value in seen if name == "a"] == [0, 1, 2]
+    assert [value for name, value in seen if name == "b"] == [10, 11, 12]
+    assert order.index("item") < order.index("a")
+
+
+def test_what_came_before_an_error_is_not_lost() -> None:
+    seen: list[int] = []
+    with pytest.raises(RuntimeError, match="on purpose"):
+        run([Task("a", breaks_later)], 1, item=lambda task, value: seen.append(value))
+    assert seen == [1]

@@ -1,7 +1,7 @@
 """A few worker processes, each with single-threaded linear algebra.
 
-The solver factors small dense matrices many thousand times a second. Threads of the BLAS
-library cost more than they give there, and with several workers on few cores they wait for
+What is computed here works on small dense matrices, many thousand times a second. Threads of the
+BLAS library cost more than they give there, and with several workers on few cores they wait for
 each other. Their number has to be in the environment before NumPy is imported, so workers are
 new interpreters, not forks. They end with the process that started them, however that ends.
 """
@@ -9,6 +9,7 @@ new interpreters, not forks. They end with the process that started them, howeve
 from __future__ import annotations
 
 import contextlib
+import inspect
 import json
 import os
 import select
@@ -31,8 +32,9 @@ _ONE_THREAD: Final = (
 )  # fmt: skip
 _START: Final = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[2]); "
-    "from dftc_rt.paper.pool import serve; serve(int(sys.argv[1]))"
+    "from dftc_rt.pool import serve; serve(int(sys.argv[1]))"
 )
+_RESULT, _ITEM, _ERROR = "result", "item", "error"
 _PATIENCE_S: Final = 5.0  # for a worker that was told to end
 
 
@@ -42,7 +44,8 @@ class Task:
 
     Attributes:
         name: Key of the result, unique.
-        function: Function at the top level of a module, so that a worker finds it by name.
+        function: Function at the top level of a module, so that a worker finds it by name. What
+            a generator yields is handed on at once; its result is None.
         arguments: What it is called with.
         lane: Tasks of one lane go to one worker while others have work of their own: what the
             first of them compiles serves the rest.
@@ -60,7 +63,10 @@ def available() -> int:
 
 
 def run(
-    tasks: Sequence[Task], workers: int, done: Callable[[Task], None] = lambda task: None
+    tasks: Sequence[Task],
+    workers: int,
+    done: Callable[[Task], None] = lambda task: None,
+    item: Callable[[Task, Any], None] = lambda task, value: None,
 ) -> dict[str, Any]:
     """Compute all tasks; return name -> result.
 
@@ -68,6 +74,7 @@ def run(
         tasks: What to compute.
         workers: Number of processes, at least 1.
         done: Called after every task, in this process.
+        item: Called with everything that a generator yields, in this process.
 
     Raises:
         RuntimeError: A task raised; its traceback is the text.
@@ -88,19 +95,24 @@ def run(
                     link.send((following.function, following.arguments))
                     busy[link] = following
             ready = wait(list(busy))
-            idle = [link for link in links if link in ready]
-            for link in idle:
-                task = busy.pop(link)
+            idle = []
+            for link in (link for link in links if link in ready):
+                task = busy[link]
                 try:
-                    result, error = link.recv()
+                    what, value = link.recv()
                 except (EOFError, ConnectionError):
                     raise EnvironmentLacksError(
                         f"a worker process was killed during '{task.name}'",
                         "free some memory, and try again",
                     ) from None
-                if error is not None:
-                    raise RuntimeError(f"{task.name}: {error}")
-                results[task.name] = result
+                if what == _ERROR:
+                    raise RuntimeError(f"{task.name}: {value}")
+                if what == _ITEM:
+                    item(task, value)
+                    continue
+                del busy[link]
+                idle.append(link)
+                results[task.name] = value
                 done(task)
     return results
 
@@ -156,11 +168,16 @@ def serve(descriptor: int) -> None:
             function, arguments = link.recv()
         except (EOFError, ConnectionError):
             return
-        answer: tuple[Any, str | None]
+        answer: tuple[str, Any]
         try:
-            answer = (function(*arguments), None)
+            result = function(*arguments)
+            if inspect.isgenerator(result):
+                for value in result:
+                    link.send((_ITEM, value))
+                result = None
+            answer = (_RESULT, result)
         except Exception:
-            answer = (None, traceback.format_exc())
+            answer = (_ERROR, traceback.format_exc())
         link.send(answer)
 
 
