@@ -14,8 +14,16 @@ from dftc_rt.bus.frame import frame_buffer
 from dftc_rt.bus.inprocess import link as in_process_link
 from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.config.calibration import Calibration, calibration_gains, load_calibration
+from dftc_rt.config.identification import (
+    Identification,
+    check_identification,
+    check_range,
+    identification_gains,
+    load_identification,
+)
 from dftc_rt.config.scenario import Scenario
 from dftc_rt.control import laws, signals
+from dftc_rt.control.dftc import Dftc
 from dftc_rt.control.interface import Law
 from dftc_rt.drives.interface import DriveSetup, SetUp, profile
 from dftc_rt.drives.scale import MAX_COUNTS, TORQUE_PER_COUNT, ScaleTable
@@ -59,13 +67,19 @@ class Parts:
     torque_limit: F64
 
 
-def prepare(scenario: Scenario, robot: Robot, calibration: Calibration | None = None) -> Parts:
+def prepare(
+    scenario: Scenario,
+    robot: Robot,
+    calibration: Calibration | None = None,
+    identification: Identification | None = None,
+) -> Parts:
     """Build and check everything that needs no drive.
 
     Args:
         scenario: The resolved scenario.
         robot: The nominal robot.
         calibration: In place of the scenario's ``control.calibration``.
+        identification: In place of the scenario's ``control.identification``.
 
     Raises:
         InputError: The scenario does not fit the robot, or a bus would be overloaded.
@@ -79,6 +93,11 @@ def prepare(scenario: Scenario, robot: Robot, calibration: Calibration | None = 
     if calibration is not None:
         robot = calibrated(robot, calibration, where)
         gains |= calibration_gains(calibration, where)
+    where = control.identification or "identification"
+    if identification is None and control.identification is not None:
+        identification = load_identification(where)
+    if identification is not None:
+        gains |= _identified(scenario, robot, identification, calibration, where)
     scales = ScaleTable.of(joint_scales(robot.joint_config, robot.torque_constant))
     resolution = np.abs(scales.values[TORQUE_PER_COUNT])
     counts = np.minimum(
@@ -104,10 +123,41 @@ def prepare(scenario: Scenario, robot: Robot, calibration: Calibration | None = 
         lagrangian_terms(robot),
         schedule(scenario.fault, robot.joints),
     )
+    if identification is not None and isinstance(law, Dftc):
+        joints = law.joints
+        lower, upper, speed = joints.q_lower, joints.q_upper, joints.velocity_limit
+        check_range(identification, lower, upper, speed, where)
     reference = Reference(scenario.reference, robot.home)
     check_reference(reference, robot, scenario.duration_s)
     terms = local_terms(robot, control.interconnection)
     return Parts(robot, law, reference, terms, scales, limit)
+
+
+def _identified(
+    scenario: Scenario,
+    robot: Robot,
+    identification: Identification,
+    calibration: Calibration | None,
+    where: str,
+) -> dict[str, Any]:
+    """Settings of a law that has networks beside the split; none for one without networks.
+
+    Raises:
+        InputError: It was trained on something else, or the law's networks are the whole model.
+    """
+    control = scenario.control
+    check_identification(
+        identification, robot.name, robot.joints, control.interconnection, calibration, where
+    )
+    if control.law == "paper":
+        what = "the law 'paper' has networks of its own"
+        raise InputError("control.identification", what, "another law")
+    if control.gains.get("model", "split") == "rbf":
+        what = "control.gains.model = 'rbf': the networks would be the whole model"
+        raise InputError("control.identification", what, "'split'")
+    return identification_gains(
+        identification, control.gains, in_law=control.identification_in_law, where=where
+    )
 
 
 def _tuples(gains: dict[str, Any]) -> dict[str, Any]:

@@ -81,13 +81,25 @@ class Session:
         )
 
 
-def open_session(scenario: str | Path, settings: Sequence[str] = ()) -> Session:
+def open_session(
+    scenario: str | Path, settings: Sequence[str] = (), *, identified: bool = True
+) -> Session:
     """Load and check a scenario and its robot.
+
+    Args:
+        scenario: Scenario file, or the name of a shipped one.
+        settings: Overrides, ``a.b=value``.
+        identified: Whether its ``control.identification`` is used; the command that makes the
+            file leaves it alone.
 
     Raises:
         InputError: Something in the scenario, the robot or both together is wrong.
     """
     loaded = load_scenario(scenario, settings, SCENARIOS)
+    if not identified:
+        replace = msgspec.structs.replace
+        control = replace(loaded.scenario.control, identification=None)
+        loaded = dataclasses.replace(loaded, scenario=replace(loaded.scenario, control=control))
     table = loaded.scenario.robot
     robot = load_robot(
         name=table.name,

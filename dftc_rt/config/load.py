@@ -121,7 +121,12 @@ def _find(source: str | Path, shipped: Path | None) -> Path:
 
 def _resolve_paths(raw: dict[str, Any], folder: Path) -> None:
     """Take paths in the file relative to the file, where such a file exists."""
-    for table, key in (("robot", "urdf"), ("reference", "file"), ("control", "calibration")):
+    for table, key in (
+        ("robot", "urdf"),
+        ("reference", "file"),
+        ("control", "calibration"),
+        ("control", "identification"),
+    ):
         section = raw.get(table)
         value = section.get(key) if isinstance(section, dict) else None
         if isinstance(value, str) and (folder / value).is_file():

@@ -62,6 +62,8 @@ class ControlTable(_Strict, frozen=True):
     interconnection: Literal["frozen", "desired", "measured"] = "desired"
     local_terms: Literal["exact", "tabulated"] = "exact"
     calibration: str | None = None
+    identification: str | None = None
+    identification_in_law: bool = False
     gains: dict[str, Any] = {}
 
 
