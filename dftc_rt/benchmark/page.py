@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from dftc_rt.benchmark import figures, information, tables_cases, tables_laws
 from dftc_rt.benchmark.aims import Aim, aims
@@ -69,10 +69,10 @@ def markdown(rows: Rows, facts: Facts, drawn: Sequence[str]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def as_json(rows: Rows, facts: Facts) -> dict[str, object]:
+def as_json(rows: Rows, facts: Facts) -> dict[str, Any]:
     """The aims and the extent, ready for JSON."""
 
-    def plain(aim: Aim) -> dict[str, object]:
+    def plain(aim: Aim) -> dict[str, Any]:
         return {"aim": aim.title, "reached": aim.reached, "met": aim.met, "cases": aim.n}
 
     return {

@@ -73,6 +73,13 @@ class NegativeRow(Row, frozen=True, kw_only=True):
     worst_mrad: float | None = None
 
 
+class SweepRow(Row, frozen=True, kw_only=True):
+    """Alarms of the law ``momentum`` at many thresholds; see :data:`SWEEP_COLUMNS`."""
+
+    item: str
+    counts: str
+
+
 COMMON: Final[Mapping[str, str]] = {
     "id": "name of the case; the same case has the same name in every run of the benchmark",
     "fingerprint": "of the sources and the calibration that the row was made with",
@@ -132,6 +139,11 @@ NEGATIVE_COLUMNS: Final[Mapping[str, str]] = {
     "joints": "joints that had a false alarm",
     "worst_mrad": "largest RMS tracking error of a joint, from 2 s on, mrad",
 }
+SWEEP_COLUMNS: Final[Mapping[str, str]] = {
+    **COMMON,
+    "item": "what moves or disturbs the robot",
+    "counts": "entries into verdict actuator loss at each factor, separated by spaces",
+}
 
 
 def cells(row: Row) -> dict[str, str]:
@@ -155,6 +167,15 @@ def negative_row(found: Mapping[str, str]) -> NegativeRow:
         ValueError: A column is missing or is not what it should be.
     """
     return msgspec.convert(_present(found.items()), NegativeRow, strict=False)
+
+
+def sweep_row(found: Mapping[str, str]) -> SweepRow:
+    """A row from its texts.
+
+    Raises:
+        ValueError: A column is missing or is not what it should be.
+    """
+    return msgspec.convert(_present(found.items()), SweepRow, strict=False)
 
 
 def _present(items: Iterable[tuple[str, str]]) -> dict[str, str]:

@@ -20,8 +20,8 @@ CALIBRATION: Final = (
 ROWS: Final = (
     *CALIBRATION, "dftc_rt/analysis/faults.py", "dftc_rt/analysis/metrics.py",
     *(f"dftc_rt/benchmark/{name}.py"
-      for name in ("cases", "information", "measure", "negative", "rows")),
-    "dftc_rt/cli/benchmark_runs.py",
+      for name in ("cases", "information", "measure", "negative", "rows", "sweep")),
+    "dftc_rt/cli/benchmark_runs.py", "dftc_rt/cli/benchmark_sweep.py",
 )  # fmt: skip
 """Files that decide what a row is; how rows are shown is not among them."""
 

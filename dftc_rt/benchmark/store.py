@@ -15,12 +15,15 @@ from typing import IO, Final, TypeVar
 from dftc_rt.benchmark.rows import (
     FAULT_COLUMNS,
     NEGATIVE_COLUMNS,
+    SWEEP_COLUMNS,
     FaultRow,
     NegativeRow,
     Row,
+    SweepRow,
     cells,
     fault_row,
     negative_row,
+    sweep_row,
 )
 from dftc_rt.errors import InputError
 
@@ -28,6 +31,7 @@ AnyRow = TypeVar("AnyRow", bound=Row)
 
 RESULTS: Final = "results.csv"
 NEGATIVE: Final = "negative.csv"
+SWEEP: Final = "sweep.csv"
 
 
 def load_faults(path: Path) -> list[FaultRow]:
@@ -48,6 +52,15 @@ def load_negative(path: Path) -> list[NegativeRow]:
         InputError: It is no such file.
     """
     return _load(path, NEGATIVE_COLUMNS, negative_row)
+
+
+def load_sweep(path: Path) -> list[SweepRow]:
+    """All rows of a sweep over thresholds; none if it is not there.
+
+    Raises:
+        InputError: It is no such file.
+    """
+    return _load(path, SWEEP_COLUMNS, sweep_row)
 
 
 def _load(

@@ -4,54 +4,25 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 from cyclopts import Parameter
 from rich.console import Console
 
-from dftc_rt.benchmark import aims, figures, page
+from dftc_rt.benchmark import figures, frozen
 from dftc_rt.benchmark.cases import INTERCONNECTIONS, KINDS, VARIANTS, groups
 from dftc_rt.benchmark.conditions import ROBOTS, SEEDS, seed
 from dftc_rt.benchmark.negative import ITEMS
-from dftc_rt.benchmark.rows import FAULT_COLUMNS, NEGATIVE_COLUMNS
-from dftc_rt.benchmark.select import Rows
-from dftc_rt.benchmark.store import NEGATIVE, RESULTS, load_faults, load_negative
+from dftc_rt.benchmark.store import RESULTS, load_faults
 from dftc_rt.cli import benchmark_work as work
-from dftc_rt.config.robot import load_robot_config
+from dftc_rt.cli.benchmark_files import PAGE, Chosen, Files, joints_of
 from dftc_rt.errors import InputError
 from dftc_rt.pool import available
 
-PAGE = "benchmark.md"
 _NEGATIVE_LAWS = ("dftc", "momentum")
-
-
-@dataclass(frozen=True)
-class Chosen:
-    """What is to be run, defaults filled in.
-
-    Attributes:
-        robots: Keys of ``ROBOTS``.
-        laws: Keys of ``VARIANTS``.
-        negative_laws: The same, for the negative set.
-        kinds: Keys of ``KINDS``.
-        joints: Joints to put faults on; all if empty.
-        interconnections: Settings of ``control.interconnection``.
-        calibration: Runs and seconds.
-        items: Number of items of the negative set, from the first.
-    """
-
-    robots: Sequence[str]
-    laws: Sequence[str]
-    negative_laws: Sequence[str]
-    kinds: Sequence[str]
-    joints: Sequence[str]
-    interconnections: Sequence[str]
-    calibration: tuple[int, float]
-    items: int
 
 
 def benchmark(
@@ -68,6 +39,7 @@ def benchmark(
     part: Literal["faults", "negative", "all"] = "all",
     hours: float = 0.0,
     momentum_threshold: float | None = None,
+    freeze: bool = False,
     keep_calibration: bool = False,
     jobs: int | None = None,
     quick: bool = False,
@@ -95,7 +67,10 @@ def benchmark(
         draw: Which seeds: those to tune with, or those of the published numbers.
         part: Runs with faults, the negative set without, or both.
         hours: Repeat the negative set with new seeds until each law has run for so long.
-        momentum_threshold: Factor on the calibrated threshold_loss of the law momentum.
+        momentum_threshold: Factor on the calibrated threshold_loss of the law momentum; default:
+            the frozen one, else 1.
+        freeze: Find the least such factor at which momentum gives no more false alarms than
+            dftc on the negative set, and write frozen.toml, which the sealed draw needs.
         keep_calibration: Do not calibrate anew what was calibrated by other sources.
         jobs: Worker processes; default: one for each core.
         quick: A few cases after a short calibration: does it work?
@@ -112,21 +87,26 @@ def benchmark(
     _check_numbers(count, hours, jobs, momentum_threshold)
     figures.require()
     workers = available() if jobs is None else jobs
-    factor = 1.0 if momentum_threshold is None else momentum_threshold
     folder = _folder(output)
-    results, negatives = folder / RESULTS, folder / NEGATIVE
-    faults, healthy = load_faults(results), load_negative(negatives)
-    joints = {name: _joints(name) for name in chosen.robots}
+    fixed = _frozen(folder, draw, freeze, momentum_threshold)
+    files = Files(folder, draw, workers)
     known = work.calibrate_all(
-        chosen.robots, folder / "calibration", *chosen.calibration, keep_calibration, workers
-    )
-    faults = work.current(results, FAULT_COLUMNS, faults, known.marks, _say)
-    healthy = work.current(negatives, NEGATIVE_COLUMNS, healthy, known.marks, _say)
+        chosen.robots, folder / "calibration", *chosen.calibration,
+        keep_calibration or draw == "sealed", workers,
+    )  # fmt: skip
+    if draw == "sealed" and fixed is not None:
+        frozen.check(fixed, known.marks, str(folder / frozen.FROZEN))
+    files.read(known)
+    factor = momentum_threshold or (1.0 if fixed is None else fixed.momentum_threshold)
+    repeats = work.passes(hours, len(chosen.robots), chosen.items)
+    if freeze:
+        files.negative(chosen, [("dftc", "desired", 1.0)], repeats)
+        fixed = files.freeze(chosen)
+        factor = fixed.momentum_threshold
     if part != "negative":
         numbers = [seed("faults", draw, k) for k in range(count)]
         wanted = groups(chosen.robots, chosen.laws, chosen.interconnections, factor, draw, numbers)
-        tasks = work.fault_tasks(wanted, chosen.kinds, joints, chosen.joints, faults, known)
-        faults = work.compute("faults", tasks, results, FAULT_COLUMNS, faults, workers)
+        files.cases(chosen, wanted)
     if part != "faults":
         variants = [
             (name, where, factor if name == "momentum" else 1.0)
@@ -134,30 +114,39 @@ def benchmark(
             for where in (chosen.interconnections if interconnection else ("desired",))
             if where in VARIANTS[name].interconnections
         ]
-        items = ITEMS[: chosen.items]
-        repeats = work.passes(hours, len(chosen.robots), len(items))
-        todo = work.negative_tasks(
-            chosen.robots, variants, draw, repeats, items, healthy, known
-        )  # fmt: skip
-        healthy = work.compute("no fault", todo, negatives, NEGATIVE_COLUMNS, healthy, workers)
-    rows = Rows.of(draw, factor, faults, healthy)
-    facts = page.Facts(factor, known.marks, None)
-    drawn = figures.draw_all(rows, folder)
-    text = page.markdown(rows, facts, drawn)
-    (folder / PAGE).write_text(text, encoding="utf-8")
-    found = page.as_json(rows, facts)
+        files.negative(chosen, variants, repeats)
+    found = files.page(factor, fixed if draw == "sealed" else None)
     if json:
         sys.stdout.write(msgspec.json.encode(found).decode() + "\n")
     else:
-        _show(aims.aims(rows), Console(file=sys.stdout))
+        _show(found["aims"], Console(file=sys.stdout))
         sys.stdout.write(f"{folder / PAGE} has the tables\n")
     return 0
 
 
-def _show(found: Sequence[aims.Aim], console: Console) -> None:
+def _frozen(folder: Path, draw: str, freeze: bool, factor: float | None) -> frozen.Frozen | None:
+    """What has been frozen; refuses what does not go with it."""
+    path = folder / frozen.FROZEN
+    if freeze:
+        if draw == "sealed":
+            raise InputError("--freeze", "with --draw sealed", "--draw tuning")
+        if factor is not None:
+            raise InputError("--freeze", "with --momentum-threshold", "one of them")
+        if any(row.draw == "sealed" for row in load_faults(folder / RESULTS)):
+            what = "the sealed draw has been run with what is frozen there"
+            raise InputError(str(path), what, "another folder")
+        return None
+    if draw == "sealed":
+        if factor is not None:
+            raise InputError("--momentum-threshold", "with --draw sealed", "what is frozen")
+        return frozen.load(path)
+    return frozen.load(path) if path.exists() else None
+
+
+def _show(found: Sequence[Mapping[str, Any]], console: Console) -> None:
     words = {True: "yes", False: "no", None: "open"}
     for aim in found:
-        line = f"{words[aim.met]:4} {aim.title}: {aim.reached} ({aim.n})"
+        line = f"{words[aim['met']]:4} {aim['aim']}: {aim['reached']} ({aim['cases']})"
         console.print(line, highlight=False, soft_wrap=True)
 
 
@@ -174,7 +163,7 @@ def _chosen(
     _check("--kind", kind, tuple(KINDS))
     _check("--interconnection", interconnection, INTERCONNECTIONS)
     robots = tuple(robot) or (("ur5",) if quick else tuple(ROBOTS))
-    _check("--joint", joint, tuple(name for each in robots for name in _joints(each)))
+    _check("--joint", joint, tuple(name for each in robots for name in joints_of(each)))
     return Chosen(
         robots,
         tuple(law) or (("dftc",) if quick else tuple(VARIANTS)),
@@ -204,10 +193,6 @@ def _check_numbers(seeds: int, hours: float, jobs: int | None, factor: float | N
         raise InputError("--momentum-threshold", f"found {factor:g}", "0.01 to 10000")
 
 
-def _joints(robot: str) -> tuple[str, ...]:
-    return tuple(joint.name for joint in load_robot_config(robot)[0].joint)
-
-
 def _folder(output: Path) -> Path:
     """The folder, made; refuses what cannot be one."""
     if not os.fspath(output) or str(output) == ".":
@@ -221,7 +206,3 @@ def _folder(output: Path) -> Path:
         what = f"cannot be written: {error.strerror}"
         raise InputError(str(output), what, "a folder to write to") from None
     return output
-
-
-def _say(text: str) -> None:
-    print(f"dftc: {text}", file=sys.stderr, flush=True)

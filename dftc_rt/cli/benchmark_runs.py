@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -89,8 +89,8 @@ def fault_rows(
         wanted: Kind and joint; joints that turn out to carry no load are left out.
         with_twin: Also give the rows of the twin.
     """
-    known, base = _base(group, calibration)
-    twin, settings = _fitting(group.robot, [*base, *run_settings(), "fault=[]"])
+    known, base = base_settings(group, calibration)
+    twin, settings = fitting(group.robot, [*base, *run_settings(), "fault=[]"])
     drives = _drives(twin.opened, known)
     share = torque_share(twin.run, drives)
     joints = twin.run.joints
@@ -116,7 +116,7 @@ def fault_rows(
             loaded=True,
             torque_share=float(share[joints.index(joint)]),
             **columns,
-            **_names(group, fingerprint),
+            **names(group, fingerprint),
             **done.facts,
         )
 
@@ -132,28 +132,30 @@ def negative_rows(
         fingerprint: Of the rows.
         items: The items.
     """
-    known, base = _base(group, calibration)
-    robot = _opened(group.robot, [*base, "fault=[]"]).robot
+    known, base = base_settings(group, calibration)
+    robot = opened_session(group.robot, [*base, "fault=[]"]).robot
     for item in items:
         found = item_settings(item, group.seed, robot.home, robot.lower, robot.upper)
-        done, _ = _fitting(group.robot, [*base, *found])
+        done, _ = fitting(group.robot, [*base, *found])
         drives = _drives(done.opened, known)
         columns = measure_negative(done.run, VARIANTS[group.variant].gain, drives.period_s)
         yield NegativeRow(
             id=negative.item_id(group, item.name),
             item=item.name,
             **columns,
-            **_names(group, fingerprint),
+            **names(group, fingerprint),
             **done.facts,
         )
 
 
-def _base(group: Group, calibration: str) -> tuple[Calibration, list[str]]:
+def base_settings(group: Group, calibration: str) -> tuple[Calibration, list[str]]:
+    """The calibration, and the overrides of every run of a group."""
     known = load_calibration(calibration)
     return known, [*RIG, *law_settings(group, known, calibration)]
 
 
-def _names(group: Group, fingerprint: str) -> dict[str, Any]:
+def names(group: Group, fingerprint: str) -> dict[str, Any]:
+    """Columns that say which group a row is of."""
     return {
         "fingerprint": fingerprint,
         "robot": group.robot,
@@ -168,7 +170,7 @@ def _names(group: Group, fingerprint: str) -> dict[str, Any]:
 def _twin_rows(group: Group, fingerprint: str, twin: Finished, share: F64) -> Iterator[FaultRow]:
     """One row a joint: how much load it carries, and how it tracks when healthy."""
     found = evaluate(twin.run)["joints"]
-    names = _names(group, fingerprint)
+    own = names(group, fingerprint)
     for i, (joint, each) in enumerate(found.items()):
         yield FaultRow(
             id=group.case_id("twin", joint),
@@ -179,21 +181,28 @@ def _twin_rows(group: Group, fingerprint: str, twin: Finished, share: F64) -> It
             rmse_twin_mrad=each["rmse_healthy_mrad"],
             false_alarms=each["false_alarms"],
             false_alarm_s=each["false_alarm_s"],
-            **names,
+            **own,
             **twin.facts,
         )
 
 
-def _opened(robot: str, settings: Sequence[str]) -> Session:
+def opened_session(robot: str, settings: Sequence[str]) -> Session:
+    """The robot's scenario with overrides."""
     return open_session(ROBOTS[robot], settings)
 
 
-def _fitting(robot: str, settings: Sequence[str]) -> tuple[Finished, list[str]]:
+def _same(opened: Session) -> Session:
+    return opened
+
+
+def fitting(
+    robot: str, settings: Sequence[str], change: Callable[[Session], Session] = _same
+) -> tuple[Finished, list[str]]:
     """Run with the reference made smaller until it fits the limits; with the settings used."""
     used = list(settings)
     for _ in range(_TRIES):
         try:
-            return _simulated(robot, used), used
+            return _simulated(robot, used, change), used
         except InputError as error:
             if error.where != "reference":
                 raise
@@ -229,9 +238,11 @@ def _amplitude(robot: str) -> float:
     return float(np.max(amplitude))
 
 
-def _simulated(robot: str, settings: Sequence[str]) -> Finished:
+def _simulated(
+    robot: str, settings: Sequence[str], change: Callable[[Session], Session] = _same
+) -> Finished:
     started = time.process_time()
-    opened = _opened(robot, settings)
+    opened = change(opened_session(robot, settings))
     run, outcome = run_simulation(opened, progress=False)
     if outcome.end_state == "interrupted":
         raise KeyboardInterrupt

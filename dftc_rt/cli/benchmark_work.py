@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import dftc_rt
-from dftc_rt.benchmark import negative, sources
+from dftc_rt.benchmark import negative, sources, sweep
 from dftc_rt.benchmark.cases import Group, partner
 from dftc_rt.benchmark.conditions import NEGATIVE_S, seed
-from dftc_rt.benchmark.rows import FaultRow, NegativeRow
+from dftc_rt.benchmark.rows import FaultRow, NegativeRow, SweepRow
 from dftc_rt.benchmark.store import AnyRow, Store, set_aside
-from dftc_rt.cli import benchmark_runs
+from dftc_rt.cli import benchmark_runs, benchmark_sweep
 from dftc_rt.cli.benchmark_progress import Progress
 from dftc_rt.pool import Task, run
 
@@ -203,6 +203,28 @@ def negative_tasks(
                         negative.item_id(group, item.name), benchmark_runs.negative_rows, arguments
                     )
                     tasks.append(task)
+    return tasks
+
+
+def sweep_tasks(
+    healthy: Sequence[NegativeRow], rows: Sequence[SweepRow], known: Calibrations
+) -> list[Task]:
+    """Tasks for runs of ``momentum`` without a threshold, beside runs of ``dftc``.
+
+    Args:
+        healthy: The runs of ``dftc``.
+        rows: What is there already.
+        known: Calibrations.
+    """
+    there = {row.id for row in rows}
+    items = {item.name: item for item in negative.ITEMS}
+    tasks = []
+    for row in healthy:
+        group = Group(row.robot, "momentum", "desired", sweep.NO_THRESHOLD, row.draw, row.seed)
+        name = negative.item_id(group, row.item)
+        if name not in there:
+            arguments = (group, known.files[row.robot], known.marks[row.robot], items[row.item])
+            tasks.append(Task(name, benchmark_sweep.sweep_rows, arguments))
     return tasks
 
 
