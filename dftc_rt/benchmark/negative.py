@@ -122,11 +122,11 @@ def _moves(
     """Poses at random about home, within limits, with a rest after each move."""
     rng = np.random.default_rng(seed)
     move_s, rest_s = item.frequency
-    margin = 0.05 * (upper - lower)
+    margin = 0.05 * np.minimum(upper - lower, 2.0 * np.pi)
     times, poses = [0.0], [home.tolist()]
     while times[-1] < NEGATIVE_S:
         drawn = home + rng.uniform(-item.amplitude, item.amplitude, home.shape)
-        pose = np.where(np.isfinite(margin), np.clip(drawn, lower + margin, upper - margin), drawn)
+        pose = np.clip(drawn, lower + margin, upper - margin)
         times.append(round(times[-1] + move_s, 6))
         poses.append([round(float(x), 6) for x in pose])
         if rest_s > 0.0:
