@@ -38,11 +38,13 @@ class Facts:
         momentum_threshold: Factor on the calibrated threshold of the law ``momentum``.
         marks: Robot -> fingerprint of sources and calibration.
         frozen: Settings that were frozen before the sealed draw; None: not yet.
+        settings: Further overrides of every run's scenario.
     """
 
     momentum_threshold: float
     marks: Mapping[str, str]
     frozen: Frozen | None
+    settings: Sequence[str] = ()
 
 
 def markdown(rows: Rows, facts: Facts, drawn: Sequence[str]) -> str:
@@ -134,6 +136,7 @@ def _head(rows: Rows, facts: Facts) -> str:
         else f"Frozen {facts.frozen.when}, settings `{facts.frozen.settings}`, before any sealed "
         "run; the sealed draw was run with these."
     )
+    changed = "".join(f" With `{each}`." for each in facts.settings)
     cases, twins = len(_cases(rows.faults)), len(_twins(rows.faults))
     lines = [
         "# Benchmark of faults",
@@ -148,7 +151,8 @@ def _head(rows: Rows, facts: Facts) -> str:
         f"Draw *{rows.draw}*: {cases} cases with {twins} twins, {len(rows.negative)} runs without "
         f"a fault; {_simulated_s(rows) / 3600:.2f} simulated hours in {_cpu_s(rows) / 3600:.2f} "
         f"hours of processor time.{stopped} {frozen} Threshold of B1: "
-        f"{facts.momentum_threshold:g} times the calibrated. Sources and calibrations: {marks}.",
+        f"{facts.momentum_threshold:g} times the calibrated.{changed} Sources and calibrations: "
+        f"{marks}.",
         "",
         f"- **Case**: a run of {END_S:g} s at 1 kHz; the fault begins at {FAULT_S:g} s. Its *twin* "
         "is the same run without it. One calibration for each robot, made on other motion; every "

@@ -17,6 +17,7 @@ from dftc_rt.benchmark.cases import INTERCONNECTIONS, KINDS, VARIANTS, groups
 from dftc_rt.benchmark.conditions import ROBOTS, SEEDS, seed
 from dftc_rt.benchmark.negative import ITEMS
 from dftc_rt.benchmark.store import RESULTS, load_faults
+from dftc_rt.cli import benchmark_runs
 from dftc_rt.cli import benchmark_work as work
 from dftc_rt.cli.benchmark_files import PAGE, Chosen, Files, joints_of
 from dftc_rt.errors import InputError
@@ -40,6 +41,7 @@ def benchmark(
     hours: float = 0.0,
     momentum_threshold: float | None = None,
     freeze: bool = False,
+    set_: Sequence[str] = (),
     keep_calibration: bool = False,
     jobs: int | None = None,
     quick: bool = False,
@@ -71,6 +73,7 @@ def benchmark(
             the frozen one, else 1.
         freeze: Find the least such factor at which momentum gives no more false alarms than
             dftc on the negative set, and write frozen.toml, which the sealed draw needs.
+        set_: Override a key of every run's scenario, ``a.b=value``; may be repeated.
         keep_calibration: Do not calibrate anew what was calibrated by other sources.
         jobs: Worker processes; default: one for each core.
         quick: A few cases after a short calibration: does it work?
@@ -89,10 +92,12 @@ def benchmark(
     workers = available() if jobs is None else jobs
     folder = _folder(output)
     fixed = _frozen(folder, draw, freeze, momentum_threshold)
+    for name in chosen.robots if set_ else ():
+        benchmark_runs.check_settings(name, set_)
     files = Files(folder, draw, workers)
     known = work.calibrate_all(
         chosen.robots, folder / "calibration", *chosen.calibration,
-        keep_calibration or draw == "sealed", workers,
+        keep_calibration or draw == "sealed", workers, set_,
     )  # fmt: skip
     if draw == "sealed" and fixed is not None:
         frozen.check(fixed, known.marks, str(folder / frozen.FROZEN))

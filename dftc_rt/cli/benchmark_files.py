@@ -177,7 +177,7 @@ class Files:
             InputError: A file cannot be written.
         """
         rows = Rows.of(self._draw, factor, self.faults, self.healthy)
-        facts = page.Facts(factor, self._known.marks, fixed)
+        facts = page.Facts(factor, self._known.marks, fixed, self._known.settings)
         drawn = figures.draw_all(rows, self._folder)
         path = self._folder / PAGE
         try:

@@ -57,6 +57,15 @@ class Finished:
     facts: dict[str, Any]
 
 
+def check_settings(robot: str, extra: Sequence[str]) -> None:
+    """Refuse overrides that a robot's scenario does not take.
+
+    Raises:
+        InputError: A key or a value is wrong.
+    """
+    opened_session(robot, [*RIG, *extra])
+
+
 def make_calibration(robot: str, output: str, runs: int, seconds: float) -> None:
     """Write the calibration of a robot, as ``dftc calibrate`` does.
 
@@ -77,6 +86,7 @@ def fault_rows(
     group: Group,
     calibration: str,
     fingerprint: str,
+    extra: Sequence[str],
     wanted: Sequence[tuple[str, str]],
     with_twin: bool,
 ) -> Iterator[FaultRow]:
@@ -86,10 +96,11 @@ def fault_rows(
         group: Which.
         calibration: File.
         fingerprint: Of the rows.
+        extra: Further overrides of the scenario.
         wanted: Kind and joint; joints that turn out to carry no load are left out.
         with_twin: Also give the rows of the twin.
     """
-    known, base = base_settings(group, calibration)
+    known, base = base_settings(group, calibration, extra)
     twin, settings = fitting(group.robot, [*base, *run_settings(), "fault=[]"])
     drives = _drives(twin.opened, known)
     share = torque_share(twin.run, drives)
@@ -122,7 +133,7 @@ def fault_rows(
 
 
 def negative_rows(
-    group: Group, calibration: str, fingerprint: str, items: Sequence[Item]
+    group: Group, calibration: str, fingerprint: str, extra: Sequence[str], items: Sequence[Item]
 ) -> Iterator[NegativeRow]:
     """Run items of the negative set.
 
@@ -130,9 +141,10 @@ def negative_rows(
         group: Which.
         calibration: File.
         fingerprint: Of the rows.
+        extra: Further overrides of the scenario.
         items: The items.
     """
-    known, base = base_settings(group, calibration)
+    known, base = base_settings(group, calibration, extra)
     robot = opened_session(group.robot, [*base, "fault=[]"]).robot
     for item in items:
         found = item_settings(item, group.seed, robot.home, robot.lower, robot.upper)
@@ -148,10 +160,12 @@ def negative_rows(
         )
 
 
-def base_settings(group: Group, calibration: str) -> tuple[Calibration, list[str]]:
+def base_settings(
+    group: Group, calibration: str, extra: Sequence[str]
+) -> tuple[Calibration, list[str]]:
     """The calibration, and the overrides of every run of a group."""
     known = load_calibration(calibration)
-    return known, [*RIG, *law_settings(group, known, calibration)]
+    return known, [*RIG, *law_settings(group, known, calibration), *extra]
 
 
 def names(group: Group, fingerprint: str) -> dict[str, Any]:

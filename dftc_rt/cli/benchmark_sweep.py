@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,16 +21,19 @@ from dftc_rt.control.signals import OBSERVABLE
 F64 = NDArray[np.float64]
 
 
-def sweep_rows(group: Group, calibration: str, fingerprint: str, item: Item) -> Iterator[SweepRow]:
+def sweep_rows(
+    group: Group, calibration: str, fingerprint: str, extra: Sequence[str], item: Item
+) -> Iterator[SweepRow]:
     """Run an item of the negative set with ``momentum``, and count its alarms at all thresholds.
 
     Args:
         group: Which, with the factor :data:`dftc_rt.benchmark.sweep.NO_THRESHOLD`.
         calibration: File.
         fingerprint: Of the row.
+        extra: Further overrides of the scenario.
         item: The item.
     """
-    known, base = base_settings(group, calibration)
+    known, base = base_settings(group, calibration, extra)
     robot = opened_session(group.robot, [*base, "fault=[]"]).robot
     found = item_settings(item, group.seed, robot.home, robot.lower, robot.upper)
     watched: list[Watched] = []

@@ -29,15 +29,27 @@ class Calibrations:
 
     Attributes:
         files: Robot -> file.
-        marks: Robot -> fingerprint of sources and file.
+        marks: Robot -> fingerprint of sources, file and settings.
+        settings: Further overrides of every run's scenario.
     """
 
     files: Mapping[str, str]
     marks: Mapping[str, str]
+    settings: Sequence[str] = ()
+
+    def arguments(self, group: Group) -> tuple[Group, str, str, Sequence[str]]:
+        """What every worker's function takes first."""
+        return group, self.files[group.robot], self.marks[group.robot], self.settings
 
 
 def calibrate_all(
-    robots: Sequence[str], folder: Path, runs: int, seconds: float, keep: bool, jobs: int
+    robots: Sequence[str],
+    folder: Path,
+    runs: int,
+    seconds: float,
+    keep: bool,
+    jobs: int,
+    settings: Sequence[str] = (),
 ) -> Calibrations:
     """Make the calibrations that are missing, or that other sources would make otherwise.
 
@@ -48,6 +60,7 @@ def calibrate_all(
         seconds: Length of each, s.
         keep: Take those that are there, whatever they were made with.
         jobs: Worker processes.
+        settings: Further overrides of the runs that are made with them; not of these.
     """
     folder.mkdir(exist_ok=True)
     made_with = sources.digest(sources.read_all(ROOT, sources.CALIBRATION))
@@ -71,10 +84,16 @@ def calibrate_all(
     every = sources.read_all(ROOT, sources.ROWS)
     files = {robot: str((folder / f"{robot}.toml").resolve()) for robot in robots}
     marks = {
-        robot: sources.digest([*every, ("calibration", Path(path).read_bytes())])
+        robot: sources.digest(
+            [
+                *every,
+                ("calibration", Path(path).read_bytes()),
+                *((f"setting {k}", each.encode()) for k, each in enumerate(settings)),
+            ]
+        )
         for robot, path in files.items()
     }
-    return Calibrations(files, marks)
+    return Calibrations(files, marks, tuple(settings))
 
 
 def current(
@@ -139,7 +158,7 @@ def fault_tasks(
                 Task(
                     group.id,
                     benchmark_runs.fault_rows,
-                    (group, known.files[group.robot], known.marks[group.robot], cases, not twins),
+                    (*known.arguments(group), cases, not twins),
                 )
             )
     return tasks
@@ -198,11 +217,13 @@ def negative_tasks(
                     group = Group(robot, name, where, factor, draw, own)
                     if negative.item_id(group, item.name) in there:
                         continue
-                    arguments = (group, known.files[robot], known.marks[robot], [item])
-                    task = Task(
-                        negative.item_id(group, item.name), benchmark_runs.negative_rows, arguments
+                    tasks.append(
+                        Task(
+                            negative.item_id(group, item.name),
+                            benchmark_runs.negative_rows,
+                            (*known.arguments(group), [item]),
+                        )
                     )
-                    tasks.append(task)
     return tasks
 
 
@@ -223,7 +244,7 @@ def sweep_tasks(
         group = Group(row.robot, "momentum", "desired", sweep.NO_THRESHOLD, row.draw, row.seed)
         name = negative.item_id(group, row.item)
         if name not in there:
-            arguments = (group, known.files[row.robot], known.marks[row.robot], items[row.item])
+            arguments = (*known.arguments(group), items[row.item])
             tasks.append(Task(name, benchmark_sweep.sweep_rows, arguments))
     return tasks
 
