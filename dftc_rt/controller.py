@@ -31,6 +31,7 @@ from dftc_rt.drives.wiring import bus_members, bus_names, drive_configs, joint_s
 from dftc_rt.dynamics.calibrated import calibrated
 from dftc_rt.dynamics.interface import JointTerms
 from dftc_rt.dynamics.model import Robot
+from dftc_rt.dynamics.payload import with_unit_load
 from dftc_rt.dynamics.select import lagrangian_terms, local_terms, whole_body
 from dftc_rt.dynamics.tabulated import TabulatedTerms, refuse_closed_form
 from dftc_rt.effectiveness import schedule
@@ -122,6 +123,7 @@ def prepare(
         None if robot.friction is None else robot.friction.add_to,
         lagrangian_terms(robot),
         schedule(scenario.fault, robot.joints),
+        None if robot.closed_form is not None else whole_body(with_unit_load(robot)).inverse_dynamics,
     )
     if identification is not None and isinstance(law, Dftc):
         joints = law.joints

@@ -6,13 +6,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from dftc_rt.control import kernel, layout, settings
-from dftc_rt.control.interface import F64
+from dftc_rt.control import derate, kernel, layout, probe, settings
+from dftc_rt.control.interface import F64, WANTS_RESPONSE, InverseDynamics
 from dftc_rt.control.layout import Joints
 from dftc_rt.control.settings import Value
+from dftc_rt.control.signals import QD
 from dftc_rt.errors import InputError
 
 _MODEL_RBF = 1
+_MOST_KG = 5.0  # of the load that a test is compared with
 _MOST_TICKS = 100_000  # bounds the time a skip takes; filters have settled long before
 
 
@@ -29,13 +31,23 @@ class Dftc:
     """
 
     def __init__(
-        self, joints: Joints, gains: Mapping[str, Value], *, ftc: bool, printed: bool = False
+        self,
+        joints: Joints,
+        gains: Mapping[str, Value],
+        inverse_dynamics: InverseDynamics | None = None,
+        loaded_dynamics: InverseDynamics | None = None,
+        *,
+        ftc: bool,
+        printed: bool = False,
     ) -> None:
         """Allocate the law.
 
         Args:
             joints: Robot and drives.
             gains: Keys of :data:`dftc_rt.control.settings.NAMES`.
+            inverse_dynamics: Torque for a motion, whole robot: how the other joints give way to
+                a test torque, at the desired pose. None: no tests.
+            loaded_dynamics: The same with one more kilogram at the last link; None: unknown.
             ftc: Whether the gain (33) is applied.
             printed: Start from the paper's printed values instead of the defaults.
 
@@ -53,8 +65,12 @@ class Dftc:
         store = self.storage
         self._arrays = (
             store.parameters, store.state, store.weights, store.centres, store.sigma,
-            store.history,
+            store.history, store.moments, store.correlations,
         )  # fmt: skip
+        par = store.parameters
+        self._dead_s = (par["delay"] + 0.5) * par["period"] + par["torque_lag_s"]
+        self._inverse_dynamics = inverse_dynamics
+        self._loaded_dynamics = loaded_dynamics
         self._no_load = np.zeros(joints.torque_limit.shape[0])
         self._cycle = kernel.CYCLE
 
@@ -86,6 +102,8 @@ class Dftc:
         state["x2fo"] = state["x2o"]
         store.weights[:] = store.initial_weights
         store.history[:] = 0.0
+        store.moments[:] = 0.0
+        state["probe_at"] = probe.IDLE
 
     def skip(self, ticks: int) -> None:
         """Ticks without a cycle, see :class:`dftc_rt.control.interface.Law`."""
@@ -94,6 +112,30 @@ class Dftc:
 
     def update(self, rec: F64, inertia: F64, bias: F64, load: F64 | None = None) -> int:
         """One cycle, see :class:`dftc_rt.control.interface.Law`; real-time safe."""
-        return self._cycle(
+        status = self._cycle(
             rec, inertia, bias, self._no_load if load is None else load, *self._arrays
         )
+        if status & WANTS_RESPONSE:
+            self._respond(rec)
+            status &= ~WANTS_RESPONSE
+        return status
+
+    def _respond(self, rec: F64) -> None:
+        """Tell joints that want to test how the arm will answer; a rare cycle, some 0.1 ms."""
+        par, state = self.storage.parameters, self.storage.state
+        mass = unit = None
+        if self._inverse_dynamics is not None:
+            mass = derate.mass_matrix(self._inverse_dynamics, rec[QD])
+        if mass is not None and self._loaded_dynamics is not None:
+            unit = derate.mass_matrix(self._loaded_dynamics, rec[QD]) - mass
+        for i in np.flatnonzero(state["probe_at"] == probe.ASKED):
+            g = loaded = None
+            if mass is not None:
+                length = float(par["probe_length"][i] * par["period"][i])
+                omega = probe.frequency(int(i), length)
+                rest = np.diag(mass), int(i), omega, par["lam"], par["k"], self._dead_s
+                g = probe.response(mass, *rest)
+                if unit is not None:
+                    kg = float(np.clip(state["h_load"][i], 0.0, _MOST_KG))
+                    loaded = probe.response(mass + kg * unit, *rest)
+            probe.answer(state, int(i), g, loaded)

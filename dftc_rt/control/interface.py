@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Final, Protocol, TypeAlias
 
 import numpy as np
@@ -9,6 +10,9 @@ from numpy.typing import NDArray
 
 F64: TypeAlias = NDArray[np.float64]
 """A float64 array."""
+
+InverseDynamics: TypeAlias = Callable[[F64, F64, F64], F64]
+"""(q, v, a) in rad, rad/s, rad/s² to torque in Nm, (n,) each."""
 
 Struct: TypeAlias = NDArray[Any]
 """A structured array, one record per joint (see :mod:`dftc_rt.control.layout`)."""
@@ -18,6 +22,9 @@ NONFINITE_INPUT: Final = 1
 """A measurement, reference, inertia or bias was NaN, infinite or (inertia) not positive."""
 NONFINITE_LAW: Final = 2
 """The law or an estimator left the finite numbers; the command sent was 0 Nm."""
+
+WANTS_RESPONSE: Final = 4
+"""Inside the law ``dftc`` only: a joint asks for the response that its test torque will meet."""
 
 STATUS: Final = {NONFINITE_INPUT: "non-finite input", NONFINITE_LAW: "non-finite law"}
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 from numba import njit
 
@@ -19,10 +19,11 @@ from dftc_rt.control import (
     identifier,
     law,
     observer,
+    probe,
     rates,
     reaction,
 )
-from dftc_rt.control.interface import F64, NONFINITE_INPUT, NONFINITE_LAW
+from dftc_rt.control.interface import F64, NONFINITE_INPUT, NONFINITE_LAW, WANTS_RESPONSE
 from dftc_rt.control.layout import W_F, W_FO, W_G, W_GO
 from dftc_rt.control.signals import (
     ACTUATOR_LOSS,
@@ -45,6 +46,8 @@ from dftc_rt.control.signals import (
 )
 
 _CACHE = {"cache": True, "fastmath": False}
+_DRIFT_S: Final = 0.2
+"""Over which the slope of ρ̂ is averaged, s."""
 
 
 @njit(**_CACHE)
@@ -98,6 +101,8 @@ def observe_printed(
 def observe(
     p: Any,
     x: Any,
+    moments: F64,
+    correlations: F64,
     v: float,
     v_d: float,
     acc_d: float,
@@ -112,6 +117,8 @@ def observe(
     Args:
         p: Parameters.
         x: State; ``phi_sum`` and ``elapsed`` cover the interval since the last fresh sample.
+        moments: Of the explanations, (7, 7).
+        correlations: Of the test torque, (longest, 3).
         v: Velocity, rad/s.
         v_d: Desired velocity, rad/s.
         acc_d: q̈_d, rad/s².
@@ -125,7 +132,9 @@ def observe(
         Whether ρ can be observed.
     """
     h = p.period
-    walk = p.walk_fault if x.verdict in (ACTUATOR_LOSS, ANOMALY) else p.walk
+    walk = p.walk
+    if x.verdict in (ACTUATOR_LOSS, ANOMALY):  # as fast as ρ̂ has been moving
+        walk = min(max(abs(x.drift) * math.sqrt(_DRIFT_S), p.walk), p.walk_fault)
     if p.observer == observer.KALMAN:
         top = p.rho_std_max * p.rho_std_max
         x.rho_var = observer.predict(x.rho_var, walk, h, top)
@@ -143,18 +152,23 @@ def observe(
     x.gap_f += alpha * (dv / span - acc_d - x.gap_f)
     x.load_f += alpha * (load - x.load_f)
     x.friction_f += alpha * (math.tanh(v_d / attribution.V_FRICTION) - x.friction_f)
+    if p.attribution == reaction.HYPOTHESES:
+        probe.sample(p, x, correlations, phi, y, v_d, x.elapsed)
     x.phi_sum = 0.0
     x.elapsed = 0
     if x.cycle < p.warmup or abs(x.phi_f) < p.excitation * p.floor:
         return False
-    variance = p.inflation * observer.residual_variance(
+    plain = observer.residual_variance(
         p.floor, p.noise, inertia, acc_d, x.gap_f, bias, v,
         p.sigma_acc, p.sigma_transient, p.sigma_bias, p.sigma_friction * p.limit, p.v_friction,
     )  # fmt: skip
+    variance = p.inflation * plain
     if p.observer == observer.KALMAN:
+        before = x.rho
         x.rho, x.rho_var = observer.kalman(
             x.rho, x.rho_var, x.phi_f, x.y_f, variance, walk, 0.0, p.floor, span
         )
+        x.drift += ((x.rho - before) / span - x.drift) * min(span / _DRIFT_S, 1.0)
     elif p.observer == observer.GRADIENT:
         x.rho, x.momentum_error = observer.gradient(
             x.rho, x.momentum_error, phi, y, variance, p.gamma_rho, p.l2f, p.floor, span
@@ -166,11 +180,11 @@ def observe(
     x.excess = decision.cusum(x.excess, above, top)
     if p.attribution == reaction.HYPOTHESES:
         e = x.y_f - x.phi_f
-        step = p.residual_step * math.sqrt(variance / p.inflation)
+        step = p.residual_step * math.sqrt(plain)
         x.more = decision.cusum(x.more, decision.shift_ratio(e, step, variance), top)
         x.less = decision.cusum(x.less, decision.shift_ratio(-e, step, variance), top)
         if x.active == 1:
-            attribution.explain(p, x, e, x.phi_f, x.load_f, x.friction_f, variance, span)
+            attribution.explain(p, x, moments, e, x.phi_f, x.load_f, x.friction_f, plain, span)
     x.clear_for = decision.clearing(x.clear_for, x.rho, p.rho_clear, span)
     return True
 
@@ -203,6 +217,8 @@ def joint(
     c: F64,
     sigma: F64,
     history: F64,
+    moments: F64,
+    correlations: F64,
 ) -> int:
     """One cycle of joint i; returns status bits."""
     q = rec[Q, i]
@@ -217,6 +233,7 @@ def joint(
     if bad_model or not math.isfinite(q + v + e1 + e2 + acc_d):
         silence(i, rec, x, history)
         return NONFINITE_INPUT
+    b += x.mass * load
     wf = wg = wfo = wgo = 0.0
     if p.use_basis == 1:
         basis.gaussian(q, v, c, p.inv_width1, p.inv_width2, sigma)
@@ -231,6 +248,7 @@ def joint(
     if p.identifier != identifier.OFF and x.cycle > 0:
         corr = identify(p, x, w, sigma, q, v, f_o, g_o, u_last)
     observable = False
+    asked = 0
     if p.observer == observer.PRINTED:
         if x.cycle > 0:
             observe_printed(p, x, q, v, f_o, g_o, u_last, corr, e1o)
@@ -239,10 +257,17 @@ def joint(
     else:
         fresh = rec[AGE, i] == 0.0 and x.cycle > 0
         v_d = rec[VD, i]
-        observable = observe(p, x, v, v_d, acc_d, m, b - m * wfo, load, g_o * m, fresh)
+        observable = observe(
+            p, x, moments, correlations, v, v_d, acc_d, m, b - m * wfo, load, g_o * m, fresh
+        )
         residual = x.y_f - x.phi_f
         if p.attribution == reaction.HYPOTHESES:
-            reaction.attribute(p, x, observable)
+            reaction.attribute(p, x, moments, observable)
+            unsure = x.active == 1 and p.ftc == 1
+            if unsure and probe.ask(p, x, residual, p.floor, v_d):
+                asked = WANTS_RESPONSE
+            elif not unsure and x.probe_at >= 0:
+                x.probe_at = probe.IDLE
         else:
             reaction.decide(p, x, observable)
     # law (10), gain (33), command
@@ -252,6 +277,8 @@ def joint(
     if g_hat != 0.0:
         u = rates.torque(p, s, e2, acc_d, f_hat, g_hat, x.delta, x.xi)
     wanted = reaction.amplify(p, x, u)
+    if x.probe_at >= 0:
+        wanted += probe.torque(p, x, correlations) / x.gain
     if not math.isfinite(wanted * x.gain + x.rho):
         silence(i, rec, x, history)
         return NONFINITE_LAW
@@ -277,7 +304,7 @@ def joint(
     rec[VERDICT, i] = x.verdict
     rec[S, i] = s
     rec[RESIDUAL, i] = residual
-    return 0
+    return asked
 
 
 @njit(**_CACHE)
@@ -312,12 +339,17 @@ def cycle(
     c: F64,
     sigma: F64,
     history: F64,
+    moments: F64,
+    correlations: F64,
 ) -> int:
     """Kernel over all joints; returns the or of their status bits."""
     status = 0
     for i in range(par.shape[0]):
         p, x = par[i], st[i]
-        status |= joint(i, rec, m[i], b[i], load[i], p, x, w[i], c[i], sigma, history[i])
+        status |= joint(
+            i, rec, m[i], b[i], load[i], p, x, w[i], c[i], sigma, history[i],
+            moments[i], correlations[i],
+        )  # fmt: skip
     return status
 
 

@@ -42,6 +42,7 @@ def build(
     add_friction: AddFriction | None = None,
     matrices: Matrices | None = None,
     effectiveness: Effectiveness | None = None,
+    loaded_dynamics: InverseDynamics | None = None,
 ) -> Law:
     """Make a law by name.
 
@@ -64,6 +65,7 @@ def build(
             assumed. Laws that read ``bias`` have it there.
         matrices: M, C and G of the whole robot, for ``momentum`` and ``adaptive``.
         effectiveness: True ρ over time, for ``oracle``.
+        loaded_dynamics: As ``inverse_dynamics``, with one more kilogram at the last link.
 
     Raises:
         InputError: The name is unknown, or a value is wrong.
@@ -92,6 +94,9 @@ def build(
     gains = dict(gains)
     if name != "paper" and inverse_dynamics is not None:
         gains.update(_held(gains, joints, inverse_dynamics))
+    if name in ("dftc", "paper"):
+        printed = name == "paper"
+        return Dftc(joints, gains, inverse_dynamics, loaded_dynamics, ftc=ftc, printed=printed)
     return _law(name, joints, gains, ftc, inverse_dynamics, add_friction, matrices, effectiveness)
 
 
@@ -105,9 +110,7 @@ def _law(
     matrices: Matrices | None,
     effectiveness: Effectiveness | None,
 ) -> Law:
-    """The law itself, once its arguments are checked."""
-    if name in ("dftc", "paper"):
-        return Dftc(joints, gains, ftc=ftc, printed=name == "paper")
+    """A baseline, once its arguments are checked."""
     if name == "eso":
         return Eso(joints, gains, add_friction, ftc=ftc)
     if name == "oracle":

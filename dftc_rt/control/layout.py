@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from dftc_rt.control import basis
+from dftc_rt.control import attribution, basis, probe
 from dftc_rt.control.interface import F64, Struct
 from dftc_rt.control.settings import CHOICES, NUMBERS, Settings
 from dftc_rt.errors import InputError
@@ -22,7 +22,7 @@ _DERIVED: Final = (
     "period", "limit", "resolution", "counts", "alpha", "lag_mean", "lag_decay", "floor",
     "noise", "inv_width1", "inv_width2",
 )  # fmt: skip
-_DERIVED_INT: Final = ("delay", "use_basis", "warmup", "adapt_f", "ftc")
+_DERIVED_INT: Final = ("delay", "use_basis", "warmup", "adapt_f", "ftc", "probe_length")
 
 PARAMETERS: Final = np.dtype(
     [(s.name, np.float64) for s in NUMBERS]
@@ -41,13 +41,20 @@ _FLOATS: Final = (
     "y_f", "phi_f", "gap_f",  # filtered y, φ in Nm, q̈ - q̈_d in rad/s²
     "loss", "excess", "more", "less", "clear_for", "verdict",  # decision
     "load_f", "friction_f", "added",  # filtered regressors, compensation in Nm
-    "h_loss", "h_load", "h_friction", "h_add", "h_slope",  # explanations
-    "p_loss", "p_load", "p_friction", "p_add", "p_cross", "p_slope",  # their variances
-    "ev_loss", "ev_load", "ev_friction", "ev_add", "fit", "spread", "effort", "since",
+    "h_loss", "h_load",  # explanations: 1 - ρ, kg
+    "ev_loss", "ev_load", "ev_add", "ev_held", "misfit",  # their evidence, nats; best misfit
+    "e_square", "window", "effort", "since", "spare",
+    "mass", "held_for",  # load taken into the model, kg
+    "low_for", "low_phi",  # time without any torque, s, and φ when it began, Nm
+    "probe_phi_re", "probe_phi_im", "probe_y_re", "probe_y_im", "probe_g_re", "probe_g_im",
+    "probe_re", "probe_im", "probe_evidence", "probe_other", "probe_wait", "drift",
+)  # fmt: skip
+_INTEGERS: Final = (
+    "cycle", "elapsed", "saturated", "active", "probe_at", "probe_count", "probe_slow",
 )  # fmt: skip
 STATE: Final = np.dtype(
     [(name, np.float64) for name in _FLOATS]
-    + [(name, np.int64) for name in ("cycle", "elapsed", "saturated", "active")],
+    + [(name, np.int64) for name in _INTEGERS],
     align=True,
 )
 
@@ -64,6 +71,8 @@ class Storage:
         centres: (n, m, 2), rad and rad/s.
         sigma: Scratch for σ(x), (m,).
         history: Commands sent, (n, length), Nm, a ring over the cycle number.
+        moments: Of the explanations of an anomaly, (n, 7, 7).
+        correlations: Of the test torque, (n, longest, 3).
     """
 
     parameters: Struct
@@ -73,6 +82,8 @@ class Storage:
     centres: F64
     sigma: F64
     history: F64
+    moments: F64
+    correlations: F64
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +135,7 @@ def allocate(settings: Settings, joints: Joints, *, ftc: bool) -> Storage:
     par["noise"] = par["velocity_noise"] * par["bandwidth"]
     par["warmup"] = np.ceil(par["warmup_s"] / h - 1e-9).astype(np.int64)
     par["ftc"] = int(ftc)
+    correlations, par["probe_length"] = probe.table(n, h, par["probe_s"])
     centres = _centres(settings, joints, par)
     weights = np.zeros((n, 4, centres.shape[1]))
     for row, name in enumerate(("w_f", "w_g", "w_fo", "w_go")):
@@ -141,6 +153,8 @@ def allocate(settings: Settings, joints: Joints, *, ftc: bool) -> Storage:
         centres=centres,
         sigma=np.zeros(centres.shape[1]),
         history=np.zeros((n, int(joints.delay_cycles.max()) + 2)),
+        moments=np.zeros((n, attribution.MOMENTS, attribution.MOMENTS)),
+        correlations=correlations,
     )
 
 

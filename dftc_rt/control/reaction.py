@@ -7,13 +7,18 @@ from typing import Any, Final
 
 from numba import njit
 
-from dftc_rt.control import attribution, decision, gain
-from dftc_rt.control.signals import ACTUATOR_LOSS, ANOMALY, HEALTHY, NOT_OBSERVABLE
+from dftc_rt.control import attribution, decision, gain, probe
+from dftc_rt.control.interface import F64
+from dftc_rt.control.signals import ACTUATOR_LOSS, HEALTHY, NOT_OBSERVABLE, PAYLOAD_CHANGE
 
 _CACHE = {"cache": True, "fastmath": False}
 
 HYPOTHESES: Final = 1
 """Value of the setting ``attribution``: competing explanations; 0: the CUSUM alone."""
+_KEEP_S: Final = 1.0  # a payload change that has been explained for so long is a fact
+_NEEDED: Final = 6.0  # residual floors of torque from which a joint must feel its motor
+_GROWN: Final = 1.4
+_POWERLESS_S: Final = 0.02
 
 
 @njit(**_CACHE)
@@ -32,30 +37,74 @@ def decide(p: Any, x: Any, observable: bool) -> None:
 
 
 @njit(**_CACHE)
-def attribute(p: Any, x: Any, observable: bool) -> None:
+def attribute(p: Any, x: Any, moments: F64, observable: bool) -> None:
     """Verdict in two stages: anomaly by CUSUM, then what explains it best."""
     top = max(max(x.loss, x.excess), max(x.more, x.less))
     if x.active == 0 and top >= p.threshold_anomaly:
         x.active = 1
-        attribution.begin(p, x, x.phi_f)
+        attribution.begin(x, moments, x.phi_f)
+        probe.forget(x)
         x.rho_var = max(x.rho_var, p.rho_std_max * p.rho_std_max)
     elif x.active == 1 and top <= 0.0:
         x.active = 0
+        probe.forget(x)
     before = x.verdict
     now = HEALTHY if observable else NOT_OBSERVABLE
     if x.active == 1:
-        now = attribution.verdict(p, x)
-        if now == ANOMALY and before != HEALTHY and before != NOT_OBSERVABLE:
-            now = before  # what has been attributed stays, until something else explains better
+        now = attribution.verdict(p, x, x.probe_evidence, before)
+        if now != ACTUATOR_LOSS and powerless(p, x):
+            now = ACTUATOR_LOSS
+            x.rho = max(min(x.y_f / x.phi_f, x.rho), 0.0)
     elif before == ACTUATOR_LOSS:
         now = before
     if now == ACTUATOR_LOSS and before == ACTUATOR_LOSS and x.clear_for >= p.clear_s:
         now = HEALTHY
-        x.loss = x.excess = x.more = x.less = 0.0
-        x.active = 0
+        rest(x)
     if (before == ACTUATOR_LOSS) != (now == ACTUATOR_LOSS):
         x.clear_for = 0.0
+    x.held_for = x.held_for + p.period if now == PAYLOAD_CHANGE else 0.0
+    if x.held_for >= _KEEP_S:
+        take(p, x)
+        now = HEALTHY if observable else NOT_OBSERVABLE
     x.verdict = now
+
+
+@njit(**_CACHE)
+def rest(x: Any) -> None:
+    """Back to no suspicion: sums at zero, no anomaly."""
+    x.loss = x.excess = x.more = x.less = 0.0
+    x.active = 0
+    x.held_for = 0.0
+    probe.forget(x)
+
+
+@njit(**_CACHE)
+def take(p: Any, x: Any) -> None:
+    """Take an attributed load into the model, so that a loss after it is seen for itself."""
+    most = 3.0 * p.load_std_kg
+    mass = min(max(x.mass + x.h_load, -most), most)
+    change = (mass - x.mass) * x.load_f
+    x.mass = mass
+    x.y_f += change
+    x.added -= change / x.gain  # the law has it in its bias from now on
+    rest(x)
+
+
+@njit(**_CACHE)
+def powerless(p: Any, x: Any) -> bool:
+    """Whether the motor gives nothing at all: φ has grown, and y has not.
+
+    Under an additive torque y grows with φ, whatever its size; without a motor it stays at
+    zero. φ has to grow by half of what it was, which the compensation sees to.
+    """
+    if abs(x.phi_f) < _NEEDED * p.floor or abs(x.y_f) > p.rho_min * abs(x.phi_f):
+        x.low_for = 0.0
+        return False
+    if x.low_for == 0.0:
+        x.low_phi = x.phi_f
+    x.low_for += p.period
+    grown = x.phi_f * x.low_phi > 0.0 and abs(x.phi_f) > _GROWN * abs(x.low_phi)
+    return x.low_for >= _POWERLESS_S and grown
 
 
 @njit(**_CACHE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -44,6 +45,11 @@ def with_payload(
     model = robot.model.copy()
     model.inertias[index] += pin.Inertia(float(mass_kg), com, np.zeros((3, 3)))
     return model
+
+
+def with_unit_load(robot: Robot) -> Robot:
+    """The robot with one more kilogram at the last link, where :class:`UnitLoad` has it."""
+    return dataclasses.replace(robot, model=with_payload(robot, 1.0, LOAD_COM_M))
 
 
 def with_armature(model: Any, armature: float | npt.ArrayLike) -> Any:

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from dftc_rt.control import layout, settings
-from dftc_rt.control.interface import F64, NONFINITE_LAW
+from dftc_rt.control.interface import F64, NONFINITE_LAW, InverseDynamics
 from dftc_rt.control.layout import Joints
 from dftc_rt.control.settings import Value
 from dftc_rt.control.signals import (
@@ -30,8 +30,7 @@ from dftc_rt.control.signals import (
 )
 from dftc_rt.errors import InputError
 
-InverseDynamics = Callable[[F64, F64, F64], F64]
-"""(q, v, a) in rad, rad/s, rad/s² to torque in Nm, (n,) each."""
+__all__ = ["AddFriction", "Baseline", "Effectiveness", "InverseDynamics", "Matrices"]
 
 AddFriction = Callable[[F64, F64], None]
 """(torque, v): adds the calibrated friction at v (n,), rad/s, to torque (n,), Nm."""
