@@ -136,7 +136,7 @@ def measure(
         "false_alarm_s": sum(each["false_alarm_s"] for each in found["joints"].values()),
         "wrong_gain_s": wrong_gain_s(run, faults, gain, drives.period_s),
     }
-    columns |= _others(found["joints"], {each.joint for each in faults})
+    columns |= worst_other(found["joints"], {each.joint for each in faults})
     columns |= _effort(run, twin, faults, i, drives)
     columns |= _spread(run, fault, own["detection_delay_s"], i)
     columns |= _information(run, fault, i, drives)
@@ -176,8 +176,13 @@ def stop_time(run: Run) -> float | None:
     return float(run.cycle["t"][at[0]]) if len(at) else None
 
 
-def _others(joints: dict[str, dict[str, Any]], faulted: set[str]) -> dict[str, Any]:
-    """The healthy joint whose error grew by most."""
+def worst_other(joints: dict[str, dict[str, Any]], faulted: set[str]) -> dict[str, Any]:
+    """The healthy joint whose error grew by the largest factor.
+
+    Args:
+        joints: Metrics of a run, by joint.
+        faulted: Joints with a fault.
+    """
     worst, found = -math.inf, {}
     for name, each in joints.items():
         error, twin = each["rmse_faulty_mrad"], each["rmse_twin_mrad"]

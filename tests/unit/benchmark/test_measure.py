@@ -121,7 +121,7 @@ def test_a_run_that_is_stopped() -> None:
     run.cycle["state"][T >= 3.9 - 1e-9] = 5.0
     found = measured(run)
     assert found["stop_s"] == pytest.approx(0.9)
-    assert found["within_2_std"] is None if "within_2_std" in found else True
+    assert "within_2_std" not in found  # no sample from 0.5 s after the attribution on
 
 
 def test_coming_to_rest_at_the_end_is_no_safe_stop() -> None:
@@ -135,6 +135,20 @@ def test_a_joint_that_needs_no_torque_for_a_while() -> None:
     run = faulty()
     run.cycle["tau_cmd"][(T > 2.5) & (T < 3.2), 0] = 0.1
     assert measured(run)["need_s"] == pytest.approx(0.2, abs=5e-3)
+
+
+def test_the_worst_of_the_others_is_that_with_the_largest_factor() -> None:
+    def metrics(error: float | None, twin: float) -> dict[str, float | None]:
+        return {"rmse_faulty_mrad": error, "rmse_twin_mrad": twin}
+
+    joints = {
+        "a": metrics(90.0, 1.0), "b": metrics(3.0, 2.0), "c": metrics(0.4, 0.1),
+        "d": metrics(5.0, 4.0), "e": metrics(None, 1.0), "f": metrics(7.0, 0.0),
+    }  # fmt: skip
+    assert measuring.worst_other(joints, {"a"}) == {
+        "other_joint": "c", "other_mrad": 0.4, "other_twin_mrad": 0.1,
+    }  # fmt: skip
+    assert measuring.worst_other(joints, set(joints)) == {}
 
 
 def test_load_is_that_of_the_faulty_window() -> None:
