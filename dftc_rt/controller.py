@@ -123,7 +123,9 @@ def prepare(
         None if robot.friction is None else robot.friction.add_to,
         lagrangian_terms(robot),
         schedule(scenario.fault, robot.joints),
-        None if robot.closed_form is not None else whole_body(with_unit_load(robot)).inverse_dynamics,
+        None
+        if robot.closed_form is not None
+        else whole_body(with_unit_load(robot)).inverse_dynamics,
     )
     if identification is not None and isinstance(law, Dftc):
         joints = law.joints

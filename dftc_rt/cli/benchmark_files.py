@@ -147,7 +147,11 @@ class Files:
         theirs = [row for row in self.swept if (row.robot, row.seed, row.item) in same]
         counts = np.sum([[int(x) for x in row.counts.split()] for row in theirs], axis=0)
         alarms = sum(row.false_alarms for row in ours)
-        found = sweep.least_factor(counts, alarms)
+        hours, theirs_hours = (
+            sum(row.simulated_s for row in each) / 3600.0 for each in (ours, theirs)
+        )
+        # Runs that end in a safe stop are shorter: what counts is the rate.
+        found = sweep.least_factor(counts, int(alarms * theirs_hours / hours + 1e-9))
         if found is None:
             what = f"more than the {alarms} false alarms of dftc at every threshold"
             raise InputError("law momentum", what)
@@ -156,9 +160,9 @@ class Files:
                 when=time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime()),
                 momentum_threshold=found[0],
                 dftc_alarms=alarms,
-                dftc_hours=sum(row.simulated_s for row in ours) / 3600.0,
+                dftc_hours=hours,
                 momentum_alarms=found[1],
-                momentum_hours=sum(row.simulated_s for row in theirs) / 3600.0,
+                momentum_hours=theirs_hours,
                 fingerprints=dict(self._known.marks),
             )
         )

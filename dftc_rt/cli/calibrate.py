@@ -161,6 +161,7 @@ def _fault_free(
         law="computed_torque" if model is None else "dftc",
         ftc=False,
         calibration=None,
+        identification=None,
         local_terms="exact",
     )
     return replace(
@@ -251,7 +252,10 @@ def _motion(opened: Session, run: Run, period: float) -> signals.Motion:
     delay = np.array([joint.delay_cycles for joint in robot.joint_config], dtype=np.int64)
     law = prepare(
         msgspec.structs.replace(
-            opened.scenario, control=msgspec.structs.replace(opened.scenario.control, law="dftc")
+            opened.scenario,
+            control=msgspec.structs.replace(
+                opened.scenario.control, law="dftc", identification=None
+            ),
         ),
         robot,
     ).law

@@ -131,7 +131,7 @@ def one(moments: F64, a: int, prior: float) -> tuple[float, float]:
     Returns:
         θ, and the weighted sum of squares left.
     """
-    theta = moments[_E, a] / (moments[a, a] + prior)
+    theta: float = moments[_E, a] / (moments[a, a] + prior)
     return theta, moments[_E, _E] - theta * moments[_E, a]
 
 
@@ -141,7 +141,8 @@ def two(moments: F64, a: int, b: int, prior_a: float, prior_b: float) -> float:
     aa, bb, ab = moments[a, a] + prior_a, moments[b, b] + prior_b, moments[a, b]
     det = aa * bb - ab * ab
     if det <= 1e-12 * aa * bb:
-        return one(moments, a, prior_a)[1]
+        _, alone = one(moments, a, prior_a)
+        return float(alone)
     theta = (moments[_E, a] * bb - moments[_E, b] * ab) / det
     eta = (moments[_E, b] * aa - moments[_E, a] * ab) / det
     left: float = moments[_E, _E] - theta * moments[_E, a] - eta * moments[_E, b]
@@ -157,7 +158,11 @@ def compare(p: Any, x: Any, moments: F64) -> None:
     mass, load = one(moments, _W, colour / (p.load_std_kg * p.load_std_kg))
     _, friction = one(moments, _FRICTION, colour / (_FRICTION_STD * limit) ** 2)
     add = two(
-        moments, _ONE, _T, colour / (_ADDITIVE_STD * limit) ** 2, colour / (p.slope_std * limit) ** 2
+        moments,
+        _ONE,
+        _T,
+        colour / (_ADDITIVE_STD * limit) ** 2,
+        colour / (p.slope_std * limit) ** 2,
     )
     moving = two(
         moments, _PHI, _PHI_T, colour / (_LOSS_STD * _LOSS_STD), colour / _LOSS_SLOPE_STD**2
@@ -197,7 +202,7 @@ def verdict(p: Any, x: Any, tested: float, before: float) -> float:
     """
     if x.since < p.attribution_s:
         return ANOMALY if before != ACTUATOR_LOSS else before
-    if before == ACTUATOR_LOSS and x.ev_held + tested > -p.attribution_margin:
+    if before == ACTUATOR_LOSS and x.ev_held + tested > 0.0:
         return ACTUATOR_LOSS
     if x.ev_loss + tested > p.attribution_margin and suspect(p, x):
         return ACTUATOR_LOSS

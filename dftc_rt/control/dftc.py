@@ -10,7 +10,7 @@ from dftc_rt.control import derate, kernel, layout, probe, settings
 from dftc_rt.control.interface import F64, WANTS_RESPONSE, InverseDynamics
 from dftc_rt.control.layout import Joints
 from dftc_rt.control.settings import Value
-from dftc_rt.control.signals import QD
+from dftc_rt.control.signals import QD, VD
 from dftc_rt.errors import InputError
 
 _MODEL_RBF = 1
@@ -94,6 +94,7 @@ class Dftc:
         state["gain"] = 1.0
         state["rho"] = 1.0
         state["rho_var"] = par["rho_std_max"] ** 2
+        state["q_last"] = q
         state["v_last"] = v
         state["m_last"] = 1.0
         state["x1o"] = q + par["x1o_offset"]
@@ -124,10 +125,12 @@ class Dftc:
         """Tell joints that want to test how the arm will answer; a rare cycle, some 0.1 ms."""
         par, state = self.storage.parameters, self.storage.state
         mass = unit = None
+        half = 0.5 * float(par["probe_length"][0] * par["period"][0])
+        pose = rec[QD] + half * rec[VD]  # in the middle of the test
         if self._inverse_dynamics is not None:
-            mass = derate.mass_matrix(self._inverse_dynamics, rec[QD])
+            mass = derate.mass_matrix(self._inverse_dynamics, pose)
         if mass is not None and self._loaded_dynamics is not None:
-            unit = derate.mass_matrix(self._loaded_dynamics, rec[QD]) - mass
+            unit = derate.mass_matrix(self._loaded_dynamics, pose) - mass
         for i in np.flatnonzero(state["probe_at"] == probe.ASKED):
             g = loaded = None
             if mass is not None:

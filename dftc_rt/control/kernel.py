@@ -103,6 +103,7 @@ def observe(
     x: Any,
     moments: F64,
     correlations: F64,
+    q: float,
     v: float,
     v_d: float,
     acc_d: float,
@@ -119,6 +120,7 @@ def observe(
         x: State; ``phi_sum`` and ``elapsed`` cover the interval since the last fresh sample.
         moments: Of the explanations, (7, 7).
         correlations: Of the test torque, (longest, 3).
+        q: Position, rad.
         v: Velocity, rad/s.
         v_d: Desired velocity, rad/s.
         acc_d: q̈_d, rad/s².
@@ -138,11 +140,16 @@ def observe(
     if p.observer == observer.KALMAN:
         top = p.rho_std_max * p.rho_std_max
         x.rho_var = observer.predict(x.rho_var, walk, h, top)
+    elif p.observer == observer.RLS:
+        x.rho_var = observer.fade(x.rho_var, p.rls_memory_s, h, p.rho_std_max * p.rho_std_max)
     if not fresh:
         return False
     span = h * x.elapsed
     m_mid = 0.5 * (inertia + x.m_last)
     dv = v - x.v_last
+    moved = q - x.q_last - 0.5 * (v + x.v_last) * span
+    x.gap_q += (moved if x.cycle > 1 else 0.0) - x.gap_q * min(span / reaction.SENSOR_S, 1.0)
+    x.q_last = q
     y = observer.required(m_mid, dv, span, 0.5 * (bias + x.b_last))
     phi = scale * x.phi_sum / x.elapsed
     x.v_last, x.m_last, x.b_last = v, inertia, bias
@@ -158,12 +165,14 @@ def observe(
     x.elapsed = 0
     if x.cycle < p.warmup or abs(x.phi_f) < p.excitation * p.floor:
         return False
+    if p.attribution == reaction.HYPOTHESES and reaction.contradicts(p, x):
+        return False
     plain = observer.residual_variance(
         p.floor, p.noise, inertia, acc_d, x.gap_f, bias, v,
         p.sigma_acc, p.sigma_transient, p.sigma_bias, p.sigma_friction * p.limit, p.v_friction,
     )  # fmt: skip
     variance = p.inflation * plain
-    if p.observer == observer.KALMAN:
+    if p.observer in (observer.KALMAN, observer.RLS):
         before = x.rho
         x.rho, x.rho_var = observer.kalman(
             x.rho, x.rho_var, x.phi_f, x.y_f, variance, walk, 0.0, p.floor, span
@@ -258,7 +267,7 @@ def joint(
         fresh = rec[AGE, i] == 0.0 and x.cycle > 0
         v_d = rec[VD, i]
         observable = observe(
-            p, x, moments, correlations, v, v_d, acc_d, m, b - m * wfo, load, g_o * m, fresh
+            p, x, moments, correlations, q, v, v_d, acc_d, m, b - m * wfo, load, g_o * m, fresh
         )
         residual = x.y_f - x.phi_f
         if p.attribution == reaction.HYPOTHESES:
@@ -299,7 +308,9 @@ def joint(
     rec[TAU_LAW, i] = u
     rec[TAU_CMD, i] = told
     rec[RHO_HAT, i] = x.rho
-    rec[RHO_STD, i] = math.sqrt(x.rho_var) if p.observer == observer.KALMAN else math.nan
+    rec[RHO_STD, i] = (
+        math.sqrt(x.rho_var) if p.observer in (observer.KALMAN, observer.RLS) else math.nan
+    )
     rec[OBSERVABLE, i] = 1.0 if observable else 0.0
     rec[VERDICT, i] = x.verdict
     rec[S, i] = s

@@ -38,6 +38,7 @@ _FLOATS: Final = (
     "x1fo", "x2fo",  # printed observer (28)
     "rho", "rho_var", "momentum_error",  # ρ̂, P, ε in Nm s
     "v_last", "m_last", "b_last", "applied", "phi_sum",  # regression: last sample, drive torque
+    "q_last", "gap_q",  # position against velocity, rad
     "y_f", "phi_f", "gap_f",  # filtered y, φ in Nm, q̈ - q̈_d in rad/s²
     "loss", "excess", "more", "less", "clear_for", "verdict",  # decision
     "load_f", "friction_f", "added",  # filtered regressors, compensation in Nm
@@ -53,8 +54,7 @@ _INTEGERS: Final = (
     "cycle", "elapsed", "saturated", "active", "probe_at", "probe_count", "probe_slow",
 )  # fmt: skip
 STATE: Final = np.dtype(
-    [(name, np.float64) for name in _FLOATS]
-    + [(name, np.int64) for name in _INTEGERS],
+    [(name, np.float64) for name in _FLOATS] + [(name, np.int64) for name in _INTEGERS],
     align=True,
 )
 

@@ -5,8 +5,9 @@ and y = M q̈ + bias, both through the same filter,
 
     y = ρ φ + noise.
 
-:func:`kalman` and :func:`gradient` estimate ρ from (φ, y) and share one signature; ``printed``
-is (28), (29) as the paper has them, with the measured velocity in the place of (27).
+:func:`kalman` and :func:`gradient` estimate ρ from (φ, y) and share one signature; recursive
+least squares with forgetting is the Kalman filter with :func:`fade` for :func:`predict`.
+``printed`` is (28), (29) as the paper has them, with the measured velocity in the place of (27).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ _CACHE = {"cache": True, "fastmath": False}
 KALMAN = 0
 GRADIENT = 1
 PRINTED = 2
+RLS = 3
 RHO_TOP = 1.2
 """Largest ρ̂ kept inside."""
 
@@ -141,6 +143,21 @@ def predict(var: float, walk: float, period: float, top: float) -> float:
         top: Bound on P.
     """
     return min(var + walk * walk * period, top)
+
+
+@njit(**_CACHE)
+def fade(var: float, memory_s: float, period: float, top: float) -> float:
+    """Exponential forgetting of recursive least squares: P exp(h/T), at most ``top``.
+
+    Args:
+        var: P.
+        memory_s: T: old samples weigh exp(-age/T).
+        period: Step, s.
+        top: Bound on P, without which it grows for ever while nothing is observed.
+
+    Source: [goodwin1984] section 3.3.
+    """
+    return min(var * math.exp(period / memory_s), top)
 
 
 @njit(**_CACHE)

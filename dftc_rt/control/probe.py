@@ -17,8 +17,7 @@ k_j), K_j = M_jj λ_j k_j, and the local y counts them as standing still. G come
 the desired pose, known before the run. Neighbours test at different frequencies, a whole number
 of periods within the window apart, which makes their tests orthogonal.
 
-Source: instrumental variables in closed loop, L. Ljung, System Identification (1999), 7.6 and
-13.4; active fault diagnosis, H. Niemann, IEEE Trans. Automatic Control 51 (2006).
+Source: instrumental variables in closed loop, [ljung1999]; active diagnosis, [niemann2006].
 """
 
 from __future__ import annotations
@@ -54,6 +53,10 @@ _OTHERWISE: Final = 0.98
 """Ratio when no torque is lost."""
 _STD: Final = 0.045
 """Standard deviation of an undisturbed test's ratio, for a joint whose neighbours hold still."""
+_COUPLED: Final = 3.0
+"""|G| from which the neighbours' answer dominates, and its errors with it."""
+_ENOUGH: Final = 15.0
+"""Most evidence that tests gather, nats."""
 _BOUND: Final = 3.0
 """Largest distance that counts, in standard deviations."""
 
@@ -90,9 +93,7 @@ def frequency(i: int, length_s: float) -> float:
     return 2.0 * np.pi * PERIODS[i % len(PERIODS)] / length_s
 
 
-def response(
-    mass: F64, own: F64, i: int, omega: float, lam: F64, k: F64, dead_s: F64
-) -> complex:
+def response(mass: F64, own: F64, i: int, omega: float, lam: F64, k: F64, dead_s: F64) -> complex:
     """G of joint i: needed torque by the local model over delivered torque.
 
     Args:
@@ -168,10 +169,12 @@ def finish(p: Any, x: Any) -> None:
     ratio = complex(x.probe_y_re, x.probe_y_im) / told
     x.probe_re, x.probe_im = ratio.real, ratio.imag
     x.probe_count += 1
-    std = _STD * max(1.0, 0.3 * abs(complex(x.probe_g_re, x.probe_g_im)))
-    x.probe_evidence += evidence(
+    coupled = abs(complex(x.probe_g_re, x.probe_g_im)) / _COUPLED
+    std = _STD * max(1.0, coupled * coupled)
+    total = x.probe_evidence + evidence(
         ratio.real, ratio.imag, 1.0 - x.h_loss, min(x.probe_other, _OTHERWISE), std
     )
+    x.probe_evidence = min(max(total, -_ENOUGH), _ENOUGH)
 
 
 @njit(**_CACHE)
@@ -179,8 +182,9 @@ def evidence(ratio: float, quadrature: float, level: float, other: float, std: f
     """Log-likelihood ratio of a loss against everything else that one test gives, nats.
 
     A loss makes the ratio agree with the ρ that the residual itself suggests; a contact or
-    friction leaves it near 1, a load near what its inertia makes of it. Both distances are bounded, so that a test that was spoilt, and
-    agrees with neither, says nothing; what is out of phase is a measure of how much it was.
+    friction leaves it near 1, a load near what its inertia makes of it. Both distances are
+    bounded, so that a test that was spoilt, and agrees with neither, says nothing; what is out
+    of phase is a measure of how much it was.
 
     Args:
         ratio: Part of the test torque that arrived.
@@ -193,7 +197,8 @@ def evidence(ratio: float, quadrature: float, level: float, other: float, std: f
     other = min(ratio - other, 0.0)
     loss = ratio - level
     bound = _BOUND * _BOUND
-    return 0.5 * (min(other * other / variance, bound) - min(loss * loss / variance, bound))
+    gain: float = 0.5 * (min(other * other / variance, bound) - min(loss * loss / variance, bound))
+    return gain
 
 
 @njit(**_CACHE)
@@ -223,8 +228,8 @@ def torque(p: Any, x: Any, correlations: F64) -> float:
     """Test torque of this cycle, Nm."""
     if x.probe_at < 0 or x.probe_at >= p.probe_length:
         return 0.0
-    shape: float = correlations[x.probe_at, SHAPE]
-    return p.probe * p.limit * shape
+    wave: float = p.probe * p.limit * correlations[x.probe_at, SHAPE]
+    return wave
 
 
 def answer(state: Any, i: int, g: complex | None, loaded: complex | None = None) -> None:

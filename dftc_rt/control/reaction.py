@@ -9,12 +9,20 @@ from numba import njit
 
 from dftc_rt.control import attribution, decision, gain, probe
 from dftc_rt.control.interface import F64
-from dftc_rt.control.signals import ACTUATOR_LOSS, HEALTHY, NOT_OBSERVABLE, PAYLOAD_CHANGE
+from dftc_rt.control.signals import (
+    ACTUATOR_LOSS,
+    HEALTHY,
+    NOT_OBSERVABLE,
+    PAYLOAD_CHANGE,
+    SENSOR,
+)
 
 _CACHE = {"cache": True, "fastmath": False}
 
 HYPOTHESES: Final = 1
 """Value of the setting ``attribution``: competing explanations; 0: the CUSUM alone."""
+SENSOR_S: Final = 0.1
+"""Memory of the comparison of position and velocity, s."""
 _KEEP_S: Final = 1.0  # a payload change that has been explained for so long is a fact
 _NEEDED: Final = 6.0  # residual floors of torque from which a joint must feel its motor
 _GROWN: Final = 1.4
@@ -62,11 +70,20 @@ def attribute(p: Any, x: Any, moments: F64, observable: bool) -> None:
         rest(x)
     if (before == ACTUATOR_LOSS) != (now == ACTUATOR_LOSS):
         x.clear_for = 0.0
+    if contradicts(p, x):
+        now = SENSOR
+        rest(x)
     x.held_for = x.held_for + p.period if now == PAYLOAD_CHANGE else 0.0
     if x.held_for >= _KEEP_S:
         take(p, x)
         now = HEALTHY if observable else NOT_OBSERVABLE
     x.verdict = now
+
+
+@njit(**_CACHE)
+def contradicts(p: Any, x: Any) -> bool:
+    """Whether position and velocity of this joint tell different stories."""
+    return bool(abs(x.gap_q) > p.sensor_gap_rad)
 
 
 @njit(**_CACHE)
@@ -97,14 +114,15 @@ def powerless(p: Any, x: Any) -> bool:
     Under an additive torque y grows with φ, whatever its size; without a motor it stays at
     zero. φ has to grow by half of what it was, which the compensation sees to.
     """
-    if abs(x.phi_f) < _NEEDED * p.floor or abs(x.y_f) > p.rho_min * abs(x.phi_f):
+    least = max(_NEEDED * p.floor, p.load_fraction * p.limit)
+    if abs(x.phi_f) < least or abs(x.y_f) > p.rho_min * abs(x.phi_f):
         x.low_for = 0.0
         return False
     if x.low_for == 0.0:
         x.low_phi = x.phi_f
     x.low_for += p.period
     grown = x.phi_f * x.low_phi > 0.0 and abs(x.phi_f) > _GROWN * abs(x.low_phi)
-    return x.low_for >= _POWERLESS_S and grown
+    return bool(x.low_for >= _POWERLESS_S and grown)
 
 
 @njit(**_CACHE)
@@ -129,7 +147,7 @@ def amplify(p: Any, x: Any, u: float) -> float:
         return u
     x.added = before * (u + x.added) / x.gain - u
     missing = 0.0
-    if x.verdict != HEALTHY and x.verdict != NOT_OBSERVABLE:
+    if x.verdict != HEALTHY and x.verdict != NOT_OBSERVABLE and x.verdict != SENSOR:
         missing = x.phi_f / x.gain - x.y_f
     bound = p.compensation * p.limit
     step = (min(max(missing, -bound), bound) - x.added) * min(p.k * p.period, 1.0)
