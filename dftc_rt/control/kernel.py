@@ -46,8 +46,10 @@ from dftc_rt.control.signals import (
 )
 
 _CACHE = {"cache": True, "fastmath": False}
-_DRIFT_S: Final = 0.2
-"""Over which the slope of ρ̂ is averaged, s."""
+_DRIFT_S: Final = 0.1
+"""Over which the misfit of ρ̂ is averaged, s."""
+_FITS: Final = 0.4
+"""Mean misfit that is no sign of a ρ that moves, in standard deviations."""
 
 
 @njit(**_CACHE)
@@ -135,8 +137,11 @@ def observe(
     """
     h = p.period
     walk = p.walk
-    if x.verdict in (ACTUATOR_LOSS, ANOMALY):  # as fast as ρ̂ has been moving
-        walk = min(max(abs(x.drift) * math.sqrt(_DRIFT_S), p.walk), p.walk_fault)
+    if x.verdict in (ACTUATOR_LOSS, ANOMALY):
+        pace = 1.0
+        if p.attribution == reaction.HYPOTHESES:  # the variance is known: what fits, stands still
+            pace = min(max((abs(x.drift) - _FITS) / _FITS, 0.0), 1.0)
+        walk += pace * max(p.walk_fault - p.walk, 0.0)
     if p.observer == observer.KALMAN:
         top = p.rho_std_max * p.rho_std_max
         x.rho_var = observer.predict(x.rho_var, walk, h, top)
@@ -157,6 +162,7 @@ def observe(
     x.y_f += alpha * (y - x.y_f)
     x.phi_f += alpha * (phi - x.phi_f)
     x.gap_f += alpha * (dv / span - acc_d - x.gap_f)
+    x.need_f += alpha * (inertia * acc_d + bias - x.need_f)
     x.load_f += alpha * (load - x.load_f)
     x.friction_f += alpha * (math.tanh(v_d / attribution.V_FRICTION) - x.friction_f)
     if p.attribution == reaction.HYPOTHESES:
@@ -173,11 +179,11 @@ def observe(
     )  # fmt: skip
     variance = p.inflation * plain
     if p.observer in (observer.KALMAN, observer.RLS):
-        before = x.rho
+        misfit = (x.y_f - x.rho * x.phi_f) / math.sqrt(plain)
+        x.drift += (misfit - x.drift) * min(span / _DRIFT_S, 1.0)
         x.rho, x.rho_var = observer.kalman(
             x.rho, x.rho_var, x.phi_f, x.y_f, variance, walk, 0.0, p.floor, span
         )
-        x.drift += ((x.rho - before) / span - x.drift) * min(span / _DRIFT_S, 1.0)
     elif p.observer == observer.GRADIENT:
         x.rho, x.momentum_error = observer.gradient(
             x.rho, x.momentum_error, phi, y, variance, p.gamma_rho, p.l2f, p.floor, span

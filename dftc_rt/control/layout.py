@@ -39,7 +39,7 @@ _FLOATS: Final = (
     "rho", "rho_var", "momentum_error",  # ρ̂, P, ε in Nm s
     "v_last", "m_last", "b_last", "applied", "phi_sum",  # regression: last sample, drive torque
     "q_last", "gap_q",  # position against velocity, rad
-    "y_f", "phi_f", "gap_f",  # filtered y, φ in Nm, q̈ - q̈_d in rad/s²
+    "y_f", "phi_f", "gap_f", "need_f",  # filtered y, φ in Nm, q̈ - q̈_d in rad/s², torque of q̈_d
     "loss", "excess", "more", "less", "clear_for", "verdict",  # decision
     "load_f", "friction_f", "added",  # filtered regressors, compensation in Nm
     "h_loss", "h_load",  # explanations: 1 - ρ, kg

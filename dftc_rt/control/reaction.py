@@ -59,7 +59,7 @@ def attribute(p: Any, x: Any, moments: F64, observable: bool) -> None:
     before = x.verdict
     now = HEALTHY if observable else NOT_OBSERVABLE
     if x.active == 1:
-        now = attribution.verdict(p, x, x.probe_evidence, before)
+        now = attribution.verdict(p, x, x.probe_evidence, x.probe_count, before)
         if now != ACTUATOR_LOSS and powerless(p, x):
             now = ACTUATOR_LOSS
             x.rho = max(min(x.y_f / x.phi_f, x.rho), 0.0)
@@ -112,10 +112,12 @@ def powerless(p: Any, x: Any) -> bool:
     """Whether the motor gives nothing at all: φ has grown, and y has not.
 
     Under an additive torque y grows with φ, whatever its size; without a motor it stays at
-    zero. φ has to grow by half of what it was, which the compensation sees to.
+    zero, where it would be anyway if the motion needed nothing: the desired motion has to need
+    torque. φ has to grow by half of what it was, which the compensation sees to.
     """
     least = max(_NEEDED * p.floor, p.load_fraction * p.limit)
-    if abs(x.phi_f) < least or abs(x.y_f) > p.rho_min * abs(x.phi_f):
+    needed = x.need_f if x.phi_f > 0.0 else -x.need_f
+    if needed < least or abs(x.y_f) > p.rho_min * min(abs(x.phi_f), needed):
         x.low_for = 0.0
         return False
     if x.low_for == 0.0:

@@ -22,6 +22,7 @@ class Joint:
     def __init__(self, **gains: Any) -> None:
         law: Any = make(load("panda"), attribution="hypotheses", **gains)
         store = law.storage
+        self.tests = 1
         self.p, self.x, self.moments = store.parameters[0:1], store.state[0:1], store.moments[0]
 
     def see(self, e: F64, phi: F64, load: F64, friction: F64, variance: float) -> float:
@@ -31,7 +32,7 @@ class Joint:
         verdict = ANOMALY
         for row in zip(e, phi, load, friction, strict=True):
             attribution.explain(p, x, self.moments, *map(float, row), variance, H)
-            verdict = attribution.verdict(p, x, 0.0, verdict)
+            verdict = attribution.verdict(p, x, 0.0, self.tests, verdict)
         return verdict
 
 

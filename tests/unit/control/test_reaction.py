@@ -30,6 +30,7 @@ def test_powerless(share: float, lost: float, expected: bool) -> None:
     law = _law()
     p, x = law.storage.parameters[JOINT], law.storage.state[JOINT]
     found = False
+    x["need_f"] = 24.0
     for k in range(100):
         x["phi_f"] = 24.0 * (1.0 + k / 100)
         x["y_f"] = share * x["phi_f"] - lost
@@ -37,11 +38,13 @@ def test_powerless(share: float, lost: float, expected: bool) -> None:
     assert found is expected
 
 
-def test_an_unloaded_joint_is_never_powerless() -> None:
+@pytest.mark.parametrize(("phi", "need"), [(1.5, 1.5), (24.0, 0.0), (24.0, -24.0)])
+def test_a_motion_that_needs_no_torque_shows_nothing(phi: float, need: float) -> None:
+    """Somebody leans on a joint that stands still: φ answers, y has no reason to move."""
     law = _law()
     p, x = law.storage.parameters[JOINT], law.storage.state[JOINT]
     for k in range(100):
-        x["phi_f"], x["y_f"] = 1.5 * (1.0 + k / 100), 0.0
+        x["phi_f"], x["y_f"], x["need_f"] = phi * (1.0 + k / 100), 0.0, need
         assert not reaction.powerless(p, x)
 
 
