@@ -53,7 +53,8 @@ _ADDITIVE_STD: Final = 0.2  # of the torque limit
 _FRICTION_STD: Final = 0.03  # of the torque limit
 _EFFORT_S: Final = 0.5
 _LEAST_LOSS: Final = 0.08
-_UNTESTED: Final = 2.0  # times the margin, for evidence without a test torque
+_SUPPORT: Final = 1.0  # nats that tests have to add to the evidence for a loss
+_UNTESTED: Final = 2.0  # times the margin, where test torques are switched off
 _UNKNOWN_S: Final = 2.0
 _UNKNOWN_FIT: Final = 9.0  # variances that the best explanation of an unknown anomaly leaves
 
@@ -191,14 +192,13 @@ def suspect(p: Any, x: Any) -> bool:
 
 
 @njit(**_CACHE)
-def verdict(p: Any, x: Any, tested: float, tests: int, before: float) -> float:
+def verdict(p: Any, x: Any, tested: float, before: float) -> float:
     """What the evidence says now, a value of :data:`dftc_rt.control.signals.VERDICTS`.
 
     Args:
         p: Parameters.
         x: State.
         tested: What test torques add to the evidence for a loss, nats.
-        tests: How many there were: without one, the evidence is that of a closed loop.
         before: Verdict of the last cycle: what has been attributed stays until something else
             explains better.
     """
@@ -206,8 +206,11 @@ def verdict(p: Any, x: Any, tested: float, tests: int, before: float) -> float:
         return ANOMALY if before != ACTUATOR_LOSS else before
     if before == ACTUATOR_LOSS and x.ev_held + tested > 0.0:
         return ACTUATOR_LOSS
-    margin = p.attribution_margin if tests > 0 else _UNTESTED * p.attribution_margin
-    if x.ev_loss + tested > margin and suspect(p, x):
+    if p.probe > 0.0:  # a closed loop alone shows losses where there are none: ask first
+        enough = tested > _SUPPORT and x.ev_loss + tested > p.attribution_margin
+    else:
+        enough = x.ev_loss > _UNTESTED * p.attribution_margin
+    if enough and suspect(p, x):
         return ACTUATOR_LOSS
     other = 0.5 * p.attribution_margin
     if x.ev_load - tested > other and x.ev_load > 0.0:

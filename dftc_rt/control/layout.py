@@ -52,6 +52,7 @@ _FLOATS: Final = (
 )  # fmt: skip
 _INTEGERS: Final = (
     "cycle", "elapsed", "saturated", "active", "probe_at", "probe_count", "probe_slow",
+    "handing",
 )  # fmt: skip
 STATE: Final = np.dtype(
     [(name, np.float64) for name in _FLOATS] + [(name, np.int64) for name in _INTEGERS],

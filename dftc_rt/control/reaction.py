@@ -25,7 +25,9 @@ SENSOR_S: Final = 0.1
 """Memory of the comparison of position and velocity, s."""
 _KEEP_S: Final = 1.0  # a payload change that has been explained for so long is a fact
 _NEEDED: Final = 6.0  # residual floors of torque from which a joint must feel its motor
+_SHARE: Final = 0.25  # of φ that the motion itself must need
 _GROWN: Final = 1.4
+_HANDED: Final = 0.01  # from the gain that is wanted: the hand-over is done
 _POWERLESS_S: Final = 0.02
 
 
@@ -59,7 +61,7 @@ def attribute(p: Any, x: Any, moments: F64, observable: bool) -> None:
     before = x.verdict
     now = HEALTHY if observable else NOT_OBSERVABLE
     if x.active == 1:
-        now = attribution.verdict(p, x, x.probe_evidence, x.probe_count, before)
+        now = attribution.verdict(p, x, x.probe_evidence, before)
         if now != ACTUATOR_LOSS and powerless(p, x):
             now = ACTUATOR_LOSS
             x.rho = max(min(x.y_f / x.phi_f, x.rho), 0.0)
@@ -70,6 +72,7 @@ def attribute(p: Any, x: Any, moments: F64, observable: bool) -> None:
         rest(x)
     if (before == ACTUATOR_LOSS) != (now == ACTUATOR_LOSS):
         x.clear_for = 0.0
+        x.handing = 1
     if contradicts(p, x):
         now = SENSOR
         rest(x)
@@ -116,8 +119,9 @@ def powerless(p: Any, x: Any) -> bool:
     torque. φ has to grow by half of what it was, which the compensation sees to.
     """
     least = max(_NEEDED * p.floor, p.load_fraction * p.limit)
+    size = abs(x.phi_f)
     needed = x.need_f if x.phi_f > 0.0 else -x.need_f
-    if needed < least or abs(x.y_f) > p.rho_min * min(abs(x.phi_f), needed):
+    if needed < max(least, _SHARE * size) or abs(x.y_f) > p.rho_min * size:
         x.low_for = 0.0
         return False
     if x.low_for == 0.0:
@@ -132,8 +136,8 @@ def amplify(p: Any, x: Any, u: float) -> float:
     """Move the gain (33) and the additive compensation; returns the torque before the gain.
 
     Until an anomaly is attributed, the torque that is missing is added, which is right to first
-    order for a loss and for a disturbance alike. When the gain moves, the sum is handed over
-    without a step.
+    order for a loss and for a disturbance alike. When a verdict brings the gain or takes it, the
+    sum is handed over without a step; afterwards the gain follows ρ̂ on its own.
 
     Args:
         p: Parameters.
@@ -147,7 +151,9 @@ def amplify(p: Any, x: Any, u: float) -> float:
     x.gain = gain.follow(before, wanted, p.gain_rate, p.period)
     if p.attribution != HYPOTHESES or p.ftc == 0 or not math.isfinite(u):
         return u
-    x.added = before * (u + x.added) / x.gain - u
+    if x.handing == 1:
+        x.added = before * (u + x.added) / x.gain - u
+        x.handing = int(abs(wanted - x.gain) > _HANDED)
     missing = 0.0
     if x.verdict != HEALTHY and x.verdict != NOT_OBSERVABLE and x.verdict != SENSOR:
         missing = x.phi_f / x.gain - x.y_f

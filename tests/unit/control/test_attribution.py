@@ -22,7 +22,7 @@ class Joint:
     def __init__(self, **gains: Any) -> None:
         law: Any = make(load("panda"), attribution="hypotheses", **gains)
         store = law.storage
-        self.tests = 1
+        self.tested = 1.5  # nats that test torques added
         self.p, self.x, self.moments = store.parameters[0:1], store.state[0:1], store.moments[0]
 
     def see(self, e: F64, phi: F64, load: F64, friction: F64, variance: float) -> float:
@@ -32,7 +32,7 @@ class Joint:
         verdict = ANOMALY
         for row in zip(e, phi, load, friction, strict=True):
             attribution.explain(p, x, self.moments, *map(float, row), variance, H)
-            verdict = attribution.verdict(p, x, 0.0, self.tests, verdict)
+            verdict = attribution.verdict(p, x, self.tested, verdict)
         return verdict
 
 
@@ -79,6 +79,20 @@ def test_nothing_wins_while_nothing_moves() -> None:
     still = np.ones_like(t)
     e = -0.4 * 20.0 * still + noise(len(t), 0.2)
     assert Joint().see(e, 20.0 * still, 3.0 * still, 0.0 * still, 0.04) == ANOMALY
+
+
+def test_without_a_test_a_loss_is_not_named_unless_tests_are_off() -> None:
+    t, phi, load, friction = series()
+    e = -0.4 * phi + noise(len(t), 0.2)
+    for tested, gains, expected in (
+        (0.0, {}, ANOMALY),
+        (0.0, {"probe": 0.0}, ACTUATOR_LOSS),
+        (-3.0, {}, ANOMALY),
+    ):
+        joint = Joint(**gains)
+        joint.tested = tested
+        found = joint.see(e, phi, load, friction, 0.04)
+        assert (found == ACTUATOR_LOSS) == (expected == ACTUATOR_LOSS)
 
 
 def test_a_small_loss_or_an_unloaded_joint_is_never_a_loss() -> None:
