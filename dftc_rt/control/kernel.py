@@ -315,7 +315,9 @@ def joint(
     rec[TAU_CMD, i] = told
     rec[RHO_HAT, i] = x.rho
     rec[RHO_STD, i] = (
-        math.sqrt(x.rho_var) if p.observer in (observer.KALMAN, observer.RLS) else math.nan
+        p.std_scale * math.sqrt(x.rho_var)
+        if p.observer in (observer.KALMAN, observer.RLS)
+        else math.nan
     )
     rec[OBSERVABLE, i] = 1.0 if observable else 0.0
     rec[VERDICT, i] = x.verdict

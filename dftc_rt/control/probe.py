@@ -55,6 +55,8 @@ _STD: Final = 0.045
 """Standard deviation of an undisturbed test's ratio, for a joint whose neighbours hold still."""
 _COUPLED: Final = 3.0
 """|G| from which the neighbours' answer dominates, and its errors with it."""
+_MOST_COUPLED: Final = 4.0
+"""|G| beyond which a test proves nothing."""
 _ENOUGH: Final = 15.0
 """Most evidence that tests gather, nats."""
 _BOUND: Final = 3.0
@@ -238,13 +240,15 @@ def answer(state: Any, i: int, g: complex | None, loaded: complex | None = None)
     Args:
         state: (n,) of :data:`dftc_rt.control.layout.STATE`.
         i: Joint.
-        g: From :func:`response`; None: nobody knows it, and there is no test.
+        g: From :func:`response`; None: nobody knows it, and there is no test. No test either,
+            for now, where the neighbours' answer is most of what would come back.
         loaded: The response with the load that would explain the residual; None: unknown.
     """
-    state["probe_at"][i] = IDLE if g is None else 0
-    if g is None:
-        state["probe_wait"][i] = math.inf
+    state["probe_at"][i] = IDLE
+    if g is None or abs(g) > _MOST_COUPLED:
+        state["probe_wait"][i] = math.inf if g is None else _PAUSE_S
         return
+    state["probe_at"][i] = 0
     for name in ("probe_phi_re", "probe_phi_im", "probe_y_re", "probe_y_im", "probe_slow"):
         state[name][i] = 0
     state["probe_g_re"][i], state["probe_g_im"][i] = g.real, g.imag

@@ -50,19 +50,20 @@ def decide(p: Any, x: Any, observable: bool) -> None:
 def attribute(p: Any, x: Any, moments: F64, observable: bool) -> None:
     """Verdict in two stages: anomaly by CUSUM, then what explains it best."""
     top = max(max(x.loss, x.excess), max(x.more, x.less))
-    if x.active == 0 and top >= p.threshold_anomaly:
+    lost = powerless(p, x)
+    if x.active == 0 and (lost or top >= p.threshold_anomaly):
         x.active = 1
         attribution.begin(x, moments, x.phi_f)
         probe.forget(x)
         x.rho_var = max(x.rho_var, p.rho_std_max * p.rho_std_max)
-    elif x.active == 1 and top <= 0.0:
+    elif x.active == 1 and top <= 0.0 and not lost:
         x.active = 0
         probe.forget(x)
     before = x.verdict
     now = HEALTHY if observable else NOT_OBSERVABLE
     if x.active == 1:
         now = attribution.verdict(p, x, x.probe_evidence, before)
-        if now != ACTUATOR_LOSS and powerless(p, x):
+        if now != ACTUATOR_LOSS and lost:
             now = ACTUATOR_LOSS
             x.rho = max(min(x.y_f / x.phi_f, x.rho), 0.0)
     elif before == ACTUATOR_LOSS:
