@@ -70,7 +70,8 @@ def begin(x: Any, moments: F64, phi: float) -> None:
     """
     moments[:] = 0.0
     x.h_loss = x.h_load = 0.0
-    x.ev_loss = x.ev_load = x.ev_add = x.ev_held = 0.0
+    x.ev_loss = x.ev_held = 0.0
+    x.ev_load = x.ev_add = x.load_not_loss = x.add_not_loss = 0.0
     x.misfit = 0.0
     x.e_square = 0.0
     x.window = 0.0
@@ -112,13 +113,26 @@ def explain(
         return
     keep = math.exp(-x.spare / p.attribution_window_s)
     x.window = keep * x.window + x.spare
-    weight = 1.0 / (variance + _MODEL_ERROR * _MODEL_ERROR * x.e_square)
-    z = (e, phi, load, 1.0, x.since, friction, phi * x.since)
+    backwards(moments, x.spare)
+    # A sample stands for the time since the last one, whatever the rate of the loop.
+    weight = x.spare / EVERY_S / (variance + _MODEL_ERROR * _MODEL_ERROR * x.e_square)
+    z = (e, phi, load, 1.0, 0.0, friction, 0.0)
     for a in range(MOMENTS):
         for b in range(MOMENTS):
             moments[a, b] = keep * moments[a, b] + weight * z[a] * z[b]
     x.spare = 0.0
     compare(p, x, moments)
+
+
+@njit(**_CACHE)
+def backwards(moments: F64, h: float) -> None:
+    """Move the origin of t by ``h`` seconds: t is 0 now, and so less than 0 for what has been."""
+    for b in range(MOMENTS):
+        moments[_T, b] -= h * moments[_ONE, b]
+        moments[_PHI_T, b] -= h * moments[_PHI, b]
+    for a in range(MOMENTS):
+        moments[a, _T] -= h * moments[a, _ONE]
+        moments[a, _PHI_T] -= h * moments[a, _PHI]
 
 
 @njit(**_CACHE)
@@ -180,8 +194,8 @@ def compare(p: Any, x: Any, moments: F64) -> None:
     additive = min(add, friction)
     x.ev_loss = half * math.log(min(additive, load) / loss)
     x.ev_held = half * math.log(min(additive, load) / min(loss, moving))
-    x.ev_load = half * math.log(min(additive, loss) / load)
-    x.ev_add = half * math.log(min(loss, load) / additive)
+    x.ev_load, x.load_not_loss = half * math.log(additive / load), half * math.log(loss / load)
+    x.ev_add, x.add_not_loss = half * math.log(load / additive), half * math.log(loss / additive)
     x.misfit = min(min(loss, load), additive) / max(samples, 1.0)
 
 
@@ -189,6 +203,12 @@ def compare(p: Any, x: Any, moments: F64) -> None:
 def suspect(p: Any, x: Any) -> bool:
     """Whether a loss is worth asking about: enough torque, of which enough seems to be missing."""
     return bool(x.effort > (p.load_fraction * p.limit) ** 2 and x.h_loss > _LEAST_LOSS)
+
+
+@njit(**_CACHE)
+def explained_by_load(p: Any, x: Any, tested: float) -> bool:
+    """Whether a payload change is now the best explanation by half the margin."""
+    return bool(min(x.ev_load, x.load_not_loss - tested) > 0.5 * p.attribution_margin)
 
 
 @njit(**_CACHE)
@@ -206,16 +226,18 @@ def verdict(p: Any, x: Any, tested: float, before: float) -> float:
         return ANOMALY if before != ACTUATOR_LOSS else before
     if before == ACTUATOR_LOSS and x.ev_held + tested > 0.0:
         return ACTUATOR_LOSS
-    if p.probe > 0.0:  # a closed loop alone shows losses where there are none: ask first
+    if (
+        p.probe > 0.0 and x.probe_wait < math.inf
+    ):  # a closed loop alone shows losses where there are none: ask first
         enough = tested > _SUPPORT and x.ev_loss + tested > p.attribution_margin
     else:
         enough = x.ev_loss > _UNTESTED * p.attribution_margin
     if enough and suspect(p, x):
         return ACTUATOR_LOSS
-    other = 0.5 * p.attribution_margin
-    if x.ev_load - tested > other and x.ev_load > 0.0:
+    if explained_by_load(p, x, tested):
         return PAYLOAD_CHANGE
-    if x.ev_add - tested > other and x.ev_add > 0.0:
+    # A test says that no torque is lost, not what else it is: it counts against a loss alone.
+    if min(x.ev_add, x.add_not_loss - tested) > 0.5 * p.attribution_margin:
         return DISTURBANCE
     if x.since > _UNKNOWN_S and x.misfit > _UNKNOWN_FIT:
         return UNKNOWN

@@ -105,6 +105,7 @@ class Dftc:
         store.history[:] = 0.0
         store.moments[:] = 0.0
         state["probe_at"] = probe.IDLE
+        self._response(0, np.array(q, dtype=np.float64))  # loads what a test will call
 
     def skip(self, ticks: int) -> None:
         """Ticks without a cycle, see :class:`dftc_rt.control.interface.Law`."""
@@ -122,23 +123,26 @@ class Dftc:
         return status
 
     def _respond(self, rec: F64) -> None:
-        """Tell joints that want to test how the arm will answer; a rare cycle, some 0.1 ms."""
+        """Tell one joint that wants to test how the arm will answer; a rare cycle.
+
+        It takes some 0.2 ms; joints that ask at the same time are answered one a cycle.
+        """
         par, state = self.storage.parameters, self.storage.state
-        mass = unit = None
-        half = 0.5 * float(par["probe_length"][0] * par["period"][0])
-        pose = rec[QD] + half * rec[VD]  # in the middle of the test
-        if self._inverse_dynamics is not None:
-            mass = derate.mass_matrix(self._inverse_dynamics, pose)
-        if mass is not None and self._loaded_dynamics is not None:
-            unit = derate.mass_matrix(self._loaded_dynamics, pose) - mass
-        for i in np.flatnonzero(state["probe_at"] == probe.ASKED):
-            g = loaded = None
-            if mass is not None:
-                length = float(par["probe_length"][i] * par["period"][i])
-                omega = probe.frequency(int(i), length)
-                rest = np.diag(mass), int(i), omega, par["lam"], par["k"], self._dead_s
-                g = probe.response(mass, *rest)
-                if unit is not None:
-                    kg = float(np.clip(state["h_load"][i], 0.0, _MOST_KG))
-                    loaded = probe.response(mass + kg * unit, *rest)
-            probe.answer(state, int(i), g, loaded)
+        i = int(np.argmax(state["probe_at"] == probe.ASKED))
+        half = 0.5 * float(par["probe_length"][i] * par["period"][i])
+        probe.answer(state, i, *self._response(i, rec[QD] + half * rec[VD]))
+
+    def _response(self, i: int, pose: F64) -> tuple[complex | None, complex | None]:
+        """G of joint i at a pose (n,), rad, as it is and with the load that explains e."""
+        if self._inverse_dynamics is None:
+            return None, None
+        par, state = self.storage.parameters, self.storage.state
+        mass = derate.mass_matrix(self._inverse_dynamics, pose)
+        omega = probe.frequency(i, float(par["probe_length"][i] * par["period"][i]))
+        rest = np.diag(mass), i, omega, par["lam"], par["k"], self._dead_s
+        if self._loaded_dynamics is None:
+            return probe.response(mass, *rest), None
+        unit = derate.mass_matrix(self._loaded_dynamics, pose) - mass
+        mass = mass + float(state["mass"][i]) * unit
+        kg = float(np.clip(state["h_load"][i], 0.0, _MOST_KG))
+        return probe.response(mass, *rest), probe.response(mass + kg * unit, *rest)

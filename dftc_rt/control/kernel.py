@@ -248,7 +248,8 @@ def joint(
     if bad_model or not math.isfinite(q + v + e1 + e2 + acc_d):
         silence(i, rec, x, history)
         return NONFINITE_INPUT
-    b += x.mass * load
+    own_b = b
+    b = own_b + x.mass * load
     wf = wg = wfo = wgo = 0.0
     if p.use_basis == 1:
         basis.gaussian(q, v, c, p.inv_width1, p.inv_width2, sigma)
@@ -279,15 +280,15 @@ def joint(
         if p.attribution == reaction.HYPOTHESES:
             reaction.attribute(p, x, moments, observable)
             unsure = x.active == 1 and p.ftc == 1
-            if unsure and probe.ask(p, x, residual, p.floor, v_d):
-                asked = WANTS_RESPONSE
-            elif not unsure and x.probe_at >= 0:
+            if not unsure:
                 x.probe_at = probe.IDLE
+            elif x.probe_at == probe.ASKED or probe.ask(p, x, residual, p.floor, v_d):
+                asked = WANTS_RESPONSE
         else:
             reaction.decide(p, x, observable)
     # law (10), gain (33), command
     s = law.sliding(p.lam, e1, e2)
-    f_hat, g_hat = rates.models(p, m, b, wf, wg)
+    f_hat, g_hat = rates.models(p, m, own_b + x.mass * load, wf, wg)  # may be new by now
     u = math.nan
     if g_hat != 0.0:
         u = rates.torque(p, s, e2, acc_d, f_hat, g_hat, x.delta, x.xi)

@@ -20,7 +20,7 @@ W_GO: Final = 3
 
 _DERIVED: Final = (
     "period", "limit", "resolution", "counts", "alpha", "lag_mean", "lag_decay", "floor",
-    "noise", "inv_width1", "inv_width2",
+    "noise", "inv_width1", "inv_width2", "probe_size",
 )  # fmt: skip
 _DERIVED_INT: Final = ("delay", "use_basis", "warmup", "adapt_f", "ftc", "probe_length")
 
@@ -44,6 +44,7 @@ _FLOATS: Final = (
     "load_f", "friction_f", "added",  # filtered regressors, compensation in Nm
     "h_loss", "h_load",  # explanations: 1 - ρ, kg
     "ev_loss", "ev_load", "ev_add", "ev_held", "misfit",  # their evidence, nats; best misfit
+    "load_not_loss", "add_not_loss",
     "e_square", "window", "effort", "since", "spare",
     "mass", "held_for",  # load taken into the model, kg
     "low_for", "low_phi",  # time without any torque, s, and φ when it began, Nm
@@ -51,8 +52,8 @@ _FLOATS: Final = (
     "probe_re", "probe_im", "probe_evidence", "probe_other", "probe_wait", "drift",
 )  # fmt: skip
 _INTEGERS: Final = (
-    "cycle", "elapsed", "saturated", "active", "probe_at", "probe_count", "probe_slow",
-    "handing",
+    "cycle", "elapsed", "saturated", "active", "handing",
+    "probe_at", "probe_count", "probe_tries", "probe_slow",
 )  # fmt: skip
 STATE: Final = np.dtype(
     [(name, np.float64) for name in _FLOATS] + [(name, np.int64) for name in _INTEGERS],
@@ -137,6 +138,7 @@ def allocate(settings: Settings, joints: Joints, *, ftc: bool) -> Storage:
     par["warmup"] = np.ceil(par["warmup_s"] / h - 1e-9).astype(np.int64)
     par["ftc"] = int(ftc)
     correlations, par["probe_length"] = probe.table(n, h, par["probe_s"])
+    par["probe_size"] = probe.sizes(correlations) * par["probe"] * joints.torque_limit
     centres = _centres(settings, joints, par)
     weights = np.zeros((n, 4, centres.shape[1]))
     for row, name in enumerate(("w_f", "w_g", "w_fo", "w_go")):

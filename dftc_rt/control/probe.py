@@ -15,7 +15,8 @@ drop out. Their complex ratio is ρ times
 because at that frequency the other joints give way under their own feedback, D_j = M_jj (λ_j +
 k_j), K_j = M_jj λ_j k_j, and the local y counts them as standing still. G comes from the model at
 the desired pose, known before the run. Neighbours test at different frequencies, a whole number
-of periods within the window apart, which makes their tests orthogonal.
+of periods within the window apart, which makes tests that run together orthogonal, and leaves a
+fifth of a neighbour's wave at most of tests that overlap in part.
 
 Source: instrumental variables in closed loop, [ljung1999]; active diagnosis, [niemann2006].
 """
@@ -46,6 +47,11 @@ ASKED: Final = -2
 
 _GAP_S: Final = 0.04  # between tests, so that one has rung down before the next
 _PAUSE_S: Final = 1.0  # between later ones
+_SURE_S: Final = 10.0  # and when nothing is left to ask
+_SENT: Final = 0.5  # of the wave has to be in the command
+_QUADRATURE: Final = 0.25  # out of phase, and
+_LEAST: Final = -0.1
+_LARGEST: Final = 1.35  # in phase: no motor does that, the test was disturbed
 _MOST: Final = 6  # tests of one anomaly that follow each other
 _SLOW: Final = 0.02  # rad/s: below it friction may hold the joint against the test
 _SLOW_SHARE: Final = 0.35  # of a window that may be so slow
@@ -90,6 +96,15 @@ def table(n: int, period_s: float, probe_s: F64) -> tuple[F64, np.ndarray[Any, A
     return out, lengths
 
 
+def sizes(correlations: F64) -> F64:
+    """What the correlations make of the wave itself, (n,), for an amplitude of 1."""
+    shape = correlations[:, :, SHAPE]
+    cosine = np.einsum("ik,ik->i", correlations[:, :, COSINE], shape)
+    sine = np.einsum("ik,ik->i", correlations[:, :, SINE], shape)
+    size: F64 = np.hypot(cosine, sine)
+    return size
+
+
 def frequency(i: int, length_s: float) -> float:
     """Angular frequency of joint i's test, rad/s, for a window of ``length_s`` seconds."""
     return 2.0 * np.pi * PERIODS[i % len(PERIODS)] / length_s
@@ -112,7 +127,10 @@ def response(mass: F64, own: F64, i: int, omega: float, lam: F64, k: F64, dead_s
     feedback[i] = 0.0  # the joint's own feedback is in the delivered torque
     column = np.zeros(mass.shape[0])
     column[i] = 1.0
-    moved = np.linalg.solve(mass * s * s + np.diag(feedback), column)
+    try:
+        moved = np.linalg.solve(mass * s * s + np.diag(feedback), column)
+    except np.linalg.LinAlgError:  # inertia that no arm has, from a load that is none
+        return complex(math.inf)
     return complex(own[i] * s * s * moved[i])
 
 
@@ -121,6 +139,7 @@ def forget(x: Any) -> None:
     """Forget all tests: a new anomaly begins, or an old one has ended."""
     x.probe_at = IDLE
     x.probe_count = 0
+    x.probe_tries = 0
     x.probe_evidence = 0.0
     x.probe_wait = 0.0
 
@@ -142,8 +161,7 @@ def sample(p: Any, x: Any, correlations: F64, phi: float, y: float, v_d: float, 
     if at < 0:
         return
     if span != 1:
-        x.probe_at = IDLE
-        x.probe_wait = _GAP_S
+        stop(x)
         return
     c, s = correlations[at, COSINE], correlations[at, SINE]
     x.probe_phi_re += c * phi
@@ -152,24 +170,35 @@ def sample(p: Any, x: Any, correlations: F64, phi: float, y: float, v_d: float, 
     x.probe_y_im -= s * y
     if abs(v_d) < _SLOW:
         x.probe_slow += 1
+        if x.probe_slow > _SLOW_SHARE * p.probe_length:
+            stop(x)
+            return
     x.probe_at = at + 1
     if at + 1 == p.probe_length:
         finish(p, x)
 
 
 @njit(**_CACHE)
+def stop(x: Any) -> None:
+    """End a test; the next waits longer after many, and long when they have said all there is."""
+    x.probe_at = IDLE
+    x.probe_tries += 1
+    x.probe_wait = _GAP_S if x.probe_tries < _MOST else _PAUSE_S
+    if abs(x.probe_evidence) >= _ENOUGH:
+        x.probe_wait = _SURE_S
+
+
+@njit(**_CACHE)
 def finish(p: Any, x: Any) -> None:
     """Turn the sums of a complete test into a ratio, and average it with those before."""
-    x.probe_at = IDLE
-    x.probe_wait = _GAP_S if x.probe_count < _MOST else _PAUSE_S
-    if x.probe_slow > _SLOW_SHARE * p.probe_length:
+    stop(x)
+    sent = complex(x.probe_phi_re, x.probe_phi_im)
+    if abs(sent) < _SENT * p.probe_size:  # saturation or coarse steps ate the wave
         return
-    told = complex(x.probe_phi_re, x.probe_phi_im) * complex(x.probe_g_re, x.probe_g_im)
-    size = abs(told)
-    if size < 1e-9:
-        return
-    ratio = complex(x.probe_y_re, x.probe_y_im) / told
+    ratio = complex(x.probe_y_re, x.probe_y_im) / (sent * complex(x.probe_g_re, x.probe_g_im))
     x.probe_re, x.probe_im = ratio.real, ratio.imag
+    if abs(ratio.imag) > _QUADRATURE or not _LEAST < ratio.real < _LARGEST:
+        return
     x.probe_count += 1
     coupled = abs(complex(x.probe_g_re, x.probe_g_im)) / _COUPLED
     std = _STD * max(1.0, coupled * coupled)
@@ -245,7 +274,7 @@ def answer(state: Any, i: int, g: complex | None, loaded: complex | None = None)
         loaded: The response with the load that would explain the residual; None: unknown.
     """
     state["probe_at"][i] = IDLE
-    if g is None or abs(g) > _MOST_COUPLED:
+    if g is None or not abs(g) <= _MOST_COUPLED:
         state["probe_wait"][i] = math.inf if g is None else _PAUSE_S
         return
     state["probe_at"][i] = 0

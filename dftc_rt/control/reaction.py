@@ -74,11 +74,13 @@ def attribute(p: Any, x: Any, moments: F64, observable: bool) -> None:
     if (before == ACTUATOR_LOSS) != (now == ACTUATOR_LOSS):
         x.clear_for = 0.0
         x.handing = 1
-    if contradicts(p, x):
+    if contradicts(p, x) and before != ACTUATOR_LOSS:  # a weak motor stays weak meanwhile
         now = SENSOR
         rest(x)
-    x.held_for = x.held_for + p.period if now == PAYLOAD_CHANGE else 0.0
-    if x.held_for >= _KEEP_S:
+    holds = now == PAYLOAD_CHANGE and observable
+    holds = holds and attribution.explained_by_load(p, x, x.probe_evidence)
+    x.held_for = x.held_for + p.period if holds else 0.0
+    if x.held_for >= _KEEP_S and p.ftc == 1:
         take(p, x)
         now = HEALTHY if observable else NOT_OBSERVABLE
     x.verdict = now
@@ -96,18 +98,28 @@ def rest(x: Any) -> None:
     x.loss = x.excess = x.more = x.less = 0.0
     x.active = 0
     x.held_for = 0.0
+    x.low_for = 0.0
     probe.forget(x)
 
 
 @njit(**_CACHE)
 def take(p: Any, x: Any) -> None:
-    """Take an attributed load into the model, so that a loss after it is seen for itself."""
+    """Take an attributed load into the model, so that a loss after it is seen for itself.
+
+    At most what the compensation may add is moved from there into the bias, with the sum as it
+    was. The caller has to count the new mass in this cycle's bias.
+    """
     most = 3.0 * p.load_std_kg
     mass = min(max(x.mass + x.h_load, -most), most)
     change = (mass - x.mass) * x.load_f
+    bound = p.compensation * p.limit
+    if abs(change) > bound:
+        mass = x.mass + (mass - x.mass) * bound / abs(change)
+        change = math.copysign(bound, change)
     x.mass = mass
     x.y_f += change
-    x.added -= change / x.gain  # the law has it in its bias from now on
+    x.b_last += change
+    x.added -= change
     rest(x)
 
 

@@ -117,7 +117,7 @@ NUMBERS: Final[tuple[Setting, ...]] = (
     Setting("load_std_kg", 2.0, 2.0, "kg", "size of payload changes", 1e-3),
     Setting("attribution_window_s", 1.0, 1.0, "s", "memory of the explanations", 0.05),
     Setting("probe", 0.02, 0.0, "1", "test torque of an anomaly, of the limit; 0: none", 0.0, 0.1),
-    Setting("probe_s", 0.3, 0.3, "s", "length of a test", 0.05, 5.0),
+    Setting("probe_s", 0.3, 0.3, "s", "length of a test", 0.1, 0.6),
     Setting("probe_wait_s", 0.1, 0.1, "s", "time from an anomaly to its first test"),
     Setting("sensor_gap_rad", 0.01, 0.01, "rad", "position against velocity, over 0.1 s", 1e-6),
     Setting("slope_std", 0.3, 0.3, "1/s", "change of a disturbance, in torque limits", 1e-3),

@@ -47,12 +47,24 @@ class Robot:
         """Number of joints."""
         return int(self.model.nv)
 
+    def loaded(self, kg: float) -> Any:
+        """Model with a load 0.1 m beyond the last joint."""
+        model = self.model.copy()
+        model.inertias[self.n] += pin.Inertia(kg, np.array([0.0, 0.0, 0.1]), np.zeros((3, 3)))
+        return model
+
+    def loaded_dynamics(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Whole robot's torque with one more kilogram."""
+        return np.array(pin.rnea(self.unit, self.unit_data, q, v, a))
+
     def inverse_dynamics(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Whole robot's torque."""
         return np.array(pin.rnea(self.model, self.data, q, v, a))
 
     def __post_init__(self) -> None:
         self.data = self.model.createData()
+        self.unit = self.loaded(1.0)
+        self.unit_data = self.unit.createData()
 
 
 @cache
@@ -129,6 +141,7 @@ def make(robot: Robot, name: str = "dftc", *, ftc: bool = True, **gains: Any) ->
         name, robot.n, H, robot.limit, robot.resolution, 1, gains, ftc,
         np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit),
         np.array(model.velocityLimit), robot.inverse_dynamics,
+        loaded_dynamics=robot.loaded_dynamics,
     )  # fmt: skip
 
 
@@ -141,9 +154,9 @@ def run(
     interconnection: str = "desired",
     seed: int = 0,
     reference: int = 7,
-    payload: tuple[float, float] | None = None,
+    step_kg: tuple[float, float] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Run the loop.
+    """Run the loop; ``step_kg`` is when a load comes to the last link, s, and how much, kg.
 
     Returns:
         Records (cycles, 14, n), and true positions (cycles, n).
@@ -159,6 +172,7 @@ def run(
     cycles = round(duration / H)
     records = np.zeros((cycles, len(NAMES), n))
     truth = np.zeros((cycles, n))
+    unit, unit_data = robot.loaded(1.0), robot.loaded(1.0).createData()
     step = 2.0 * np.pi / 2**19
     sub, decay = H / 4, np.exp(-H / 4 / 1e-3)
     applied[:] = pin.rnea(model, data, q, v, v)
@@ -174,7 +188,12 @@ def run(
         rec[AGE] = 0.0
         if law.uses_local_terms:
             terms.update(rec[Q], rec[V], rec[QD], rec[VD], rec[AD])
-        law.update(rec, terms.inertia, terms.bias)
+        motion = rec[QD], rec[VD], rec[AD]
+        load = pin.rnea(unit, unit_data, *motion) - pin.rnea(robot.model, robot.data, *motion)
+        law.update(rec, terms.inertia, terms.bias, load)
+        if step_kg is not None and k == round(step_kg[0] / H):
+            model = robot.loaded(step_kg[1])
+            data = model.createData()
         for j in range(4):
             applied = pipeline[0] + (applied - pipeline[0]) * decay
             tau = applied.copy()

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from dftc_rt.control import probe
 from dftc_rt.control.dftc import Dftc
-from dftc_rt.control.signals import VERDICT
+from dftc_rt.control.signals import TAU_CMD
 from tests.unit.control.loop import load, make, run
 
 H = 1e-3
@@ -26,16 +28,23 @@ def test_slow_signals_drop_out() -> None:
             assert abs(slow @ row[:, probe.SINE]) < 1e-9 * size
 
 
-def test_neighbours_do_not_hear_each_other() -> None:
-    """Nor from another phase, the tests having started at different times."""
+def test_neighbours_that_test_together_do_not_hear_each_other() -> None:
+    """Nor from another phase; a test that overlaps in part is heard a little."""
     table, _ = probe.table(6, H, np.full(6, 0.3))
+    assert probe.sizes(table) == pytest.approx(75.0, rel=0.01)
+    burst = 0.0
     for i in range(6):
-        own = np.hypot(*(table[i, :, c] @ table[i, :, probe.SHAPE] for c in (0, 1)))
-        for j in range(6):
+        own = probe.sizes(table)[i]
+        for j in set(range(6)) - {i}:
             phase = probe.frequency(j, 0.3) * np.arange(N) * H + 1.0
-            heard = np.hypot(*(table[i, :, c] @ np.sin(phase) for c in (0, 1)))
-            if i != j:
-                assert heard < 0.01 * own
+            assert np.hypot(*(table[i, :, c] @ np.sin(phase) for c in (0, 1))) < 0.01 * own
+            for offset in range(-N + 1, N, 7):
+                other = np.zeros(N)
+                k = np.arange(max(0, offset), min(N, N + offset))
+                other[k] = table[j, k - offset, probe.SHAPE]
+                heard = np.hypot(*(table[i, :, c] @ other for c in (0, 1))) / own
+                burst = max(burst, float(heard))
+    assert 0.05 < burst < 0.25
 
 
 def test_a_joint_alone_answers_as_the_model_says() -> None:
@@ -74,6 +83,7 @@ def test_response_is_that_of_the_coupled_equations() -> None:
         (0.1, 0.0, 0.6, -1e-9, 1e-9),  # agrees with nothing: spoilt
         (0.6, 0.5, 0.6, 0.0, 0.5),  # out of phase: spoilt
         (0.8, 0.0, 0.8, 4.0, 5.0),
+        (0.8, 0.0, 1.0, -1e-9, 1e-9),  # torque is missing in the test, not in the residual
     ],
 )
 def test_evidence(ratio: float, quadrature: float, level: float, least: float, most: float) -> None:
@@ -112,16 +122,63 @@ def test_a_weak_joint_asks_and_the_answer_is_rho() -> None:
     np.testing.assert_allclose(heard[1:], 0.6, atol=0.06)
 
 
-def test_without_a_test_torque_the_command_is_the_law_alone() -> None:
-    records, _ = run(
-        load("panda"), _law(probe=0.0), 2.0, rho={1: lambda t: 0.6 if t > 1.0 else 1.0}
-    )
+def test_a_test_torque_is_in_the_command_only_when_it_is_on() -> None:
+    loss = {1: lambda t: 0.6 if t > 1.0 else 1.0}
+    waves = {}
+    for amplitude in (0.0, 0.02):
+        law = _law(probe=amplitude, attribution_margin=1e6)
+        records, _ = run(load("panda"), law, 2.0, rho=loss)
+        t = np.arange(1200, 1500) * H
+        omega = probe.frequency(1, 0.3)
+        command = np.diff(records[1200:1500, TAU_CMD, 1], prepend=records[1199, TAU_CMD, 1])
+        waves[amplitude] = abs(np.sum(np.hanning(300) * command * np.exp(-1j * omega * t)))
+        assert (law.storage.state["probe_tries"][1] > 0) == (amplitude > 0.0)
+    assert waves[0.02] > 5.0 * waves[0.0]
+
+
+def _finished(ratio: complex, share: float = 1.0) -> Any:
+    """State of a joint after one test whose wave reached the command in part."""
     law = _law()
-    asked, _ = run(load("panda"), law, 2.0, rho={1: lambda t: 0.6 if t > 1.0 else 1.0})
-    healthy = asked[:1000] - records[:1000]
-    assert np.nanmax(np.abs(healthy)) == 0.0
-    assert np.isin(asked[:, VERDICT, 1], [7.0, 1.0]).any()
-    assert int(law.storage.state["probe_count"][1]) > 0
+    law.start(np.zeros(7), np.zeros(7))
+    state = law.storage.state
+    probe.answer(state, 0, 1.0 + 0j)
+    p, x = law.storage.parameters[0], state[0]
+    sent = share * float(p["probe_size"])
+    x["h_loss"] = 0.4
+    x["probe_phi_re"] = sent
+    x["probe_y_re"], x["probe_y_im"] = (sent * ratio).real, (sent * ratio).imag
+    probe.finish(p, x)
+    return state
+
+
+@pytest.mark.parametrize(
+    ("ratio", "share"),
+    [(-0.3 - 0.5j, 1.0), (0.06 - 0.38j, 1.0), (1.8 + 0j, 1.0), (0.6 + 0j, 0.3)],
+    ids=["pushed", "pushed less", "more than all", "the command was clipped"],
+)
+def test_a_spoilt_test_does_not_count(ratio: complex, share: float) -> None:
+    state = _finished(ratio, share)
+    assert state["probe_count"][0] == 0
+    assert state["probe_evidence"][0] == 0.0
+    assert state["probe_tries"][0] == 1
+    good = _finished(0.6 + 0.02j)
+    assert good["probe_count"][0] == 1
+    assert good["probe_evidence"][0] > 4.0
+
+
+def test_tests_get_rarer() -> None:
+    law = _law()
+    law.start(np.zeros(7), np.zeros(7))
+    state = law.storage.state
+    waits = []
+    for _ in range(8):
+        probe.stop(state[0])
+        waits.append(float(state["probe_wait"][0]))
+    assert waits[0] < 0.1
+    assert waits[-1] >= 1.0
+    state["probe_evidence"][0] = 15.0
+    probe.stop(state[0])
+    assert state["probe_wait"][0] >= 10.0
 
 
 def test_a_missing_sample_ends_a_test() -> None:

@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 
 from dftc_rt.control import observer, reaction
-from dftc_rt.control.signals import ACTUATOR_LOSS, NAMES, OBSERVABLE, RHO_HAT, SENSOR, VERDICT, Q, V
+from dftc_rt.control.signals import (
+    ACTUATOR_LOSS,
+    NAMES,
+    OBSERVABLE,
+    RHO_HAT,
+    SENSOR,
+    TAU_CMD,
+    VERDICT,
+    Q,
+    V,
+)
 from tests.unit.control.loop import load, make, run
 
 JOINT = 1
@@ -66,8 +76,26 @@ def test_a_load_is_taken_in_without_a_step() -> None:
     assert x["y_f"] == pytest.approx(26.0)
     assert x["active"] == 0
     x["h_load"] = 100.0
+    reaction.take(p, x)  # never more than the compensation may add
+    assert (x["mass"] - 1.5) * 4.0 <= float(p["compensation"] * p["limit"]) + 1e-9
+    x["load_f"] = 1e-3
     reaction.take(p, x)
     assert x["mass"] == 3.0 * float(p["load_std_kg"])
+
+
+@pytest.mark.parametrize("ftc", [True, False])
+def test_a_load_that_is_taken_in_does_not_show_in_the_command(ftc: bool) -> None:
+    robot = load("panda")
+    law = make(robot, attribution="hypotheses", floor_fraction=0.003, inflation=10.0, ftc=ftc)
+    records, _ = run(robot, law, 7.0, step_kg=(1.0, 1.5))
+    mass = law.storage.state["mass"]
+    if not ftc:
+        assert not mass.any()
+        return
+    assert mass[3] == pytest.approx(1.5, abs=0.3)
+    steps = np.abs(np.diff(records[1500:, TAU_CMD], axis=0)).max(axis=0)
+    assert (steps < 0.03 * robot.limit).all(), steps / robot.limit
+    assert not (records[:, VERDICT] == ACTUATOR_LOSS).any()
 
 
 def test_a_joint_whose_position_stands_still_while_it_moves_has_a_bad_sensor() -> None:
