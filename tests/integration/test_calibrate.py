@@ -91,10 +91,11 @@ def test_a_loss_is_noticed_at_once_and_attributed_soon(simulate: Callable[..., A
     "fault",
     [
         '[{kind="payload",start_s=6,payload_kg=0.5}]',
+        '[{kind="payload",start_s=6,payload_kg=1.0}]',
         '[{kind="contact",start_s=6,end_s=6.3,force_n=[0,0,-20]}]',
         '[{kind="friction",start_s=6,factor=1.5}]',
     ],
-    ids=["payload", "contact", "friction"],
+    ids=["payload", "heavier payload", "contact", "friction"],
 )
 def test_what_is_no_loss_is_not_called_one(fault: str, simulate: Callable[..., Any]) -> None:
     run, outcome = simulate(fault, "reference.seed=77")
@@ -102,6 +103,30 @@ def test_what_is_no_loss_is_not_called_one(fault: str, simulate: Callable[..., A
     assert not np.any(run.cycle["verdict"] == ACTUATOR_LOSS)
     if "payload" in fault:
         assert np.any(run.cycle["verdict"] == PAYLOAD_CHANGE)
+
+
+def test_a_loss_after_a_payload_is_seen_for_itself(simulate: Callable[..., Any]) -> None:
+    fault = (
+        '[{kind="payload",start_s=3,payload_kg=1.0},'
+        '{kind="loss",joint="panda_joint2",start_s=8,effectiveness=0.6}]'
+    )
+    run, outcome = simulate(fault, "reference.seed=77", "duration_s=12")
+    assert outcome.end_state == "done"
+    t, verdict = run.cycle["t"], run.cycle["verdict"]
+    assert not np.any(verdict[t < 8.0] == ACTUATOR_LOSS)
+    assert not np.any(np.delete(verdict, JOINT, axis=1) == ACTUATOR_LOSS)
+    loss = t[(verdict[:, JOINT] == ACTUATOR_LOSS)][0]
+    assert loss < 10.0
+    settled = (t > loss + 1.0) & (t < 11.4)
+    assert np.sqrt(np.mean((run.cycle["rho_hat"][settled, JOINT] - 0.6) ** 2)) < 0.06
+
+
+def test_a_total_loss_stops_the_arm_at_once(simulate: Callable[..., Any]) -> None:
+    run, outcome = simulate('[{kind="total",joint="panda_joint2",start_s=6}]', "reference.seed=77")
+    assert outcome.end_state == "safe stop"
+    assert "panda_joint2: estimated effectiveness" in outcome.reason
+    after = run.cycle["t"][run.cycle["verdict"][:, JOINT] == ACTUATOR_LOSS]
+    assert after[0] < 6.1
 
 
 def test_another_robots_calibration_is_refused(
