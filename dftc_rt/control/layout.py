@@ -138,7 +138,10 @@ def allocate(settings: Settings, joints: Joints, *, ftc: bool) -> Storage:
     par["warmup"] = np.ceil(par["warmup_s"] / h - 1e-9).astype(np.int64)
     par["ftc"] = int(ftc)
     correlations, par["probe_length"] = probe.table(n, h, par["probe_s"])
-    par["probe_size"] = probe.sizes(correlations) * par["probe"] * joints.torque_limit
+    bounded = np.isfinite(joints.torque_limit)  # a share of no limit is no torque
+    par["probe"] = np.where(bounded, par["probe"], 0.0)
+    amplitude = par["probe"] * np.where(bounded, joints.torque_limit, 0.0)
+    par["probe_size"] = probe.sizes(correlations) * amplitude
     centres = _centres(settings, joints, par)
     weights = np.zeros((n, 4, centres.shape[1]))
     for row, name in enumerate(("w_f", "w_g", "w_fo", "w_go")):

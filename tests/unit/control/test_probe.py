@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,9 @@ import pytest
 
 from dftc_rt.control import probe
 from dftc_rt.control.dftc import Dftc
+from dftc_rt.control.laws import build
+from dftc_rt.control.layout import allocate
+from dftc_rt.control.settings import parse
 from dftc_rt.control.signals import ACTUATOR_LOSS, TAU_CMD, VERDICT
 from tests.unit.control.loop import load, make, run
 
@@ -187,6 +191,21 @@ def test_a_spoilt_test_does_not_count(ratio: complex, share: float) -> None:
     good = _finished(0.6 + 0.02j)
     assert good["probe_count"][0] == 1
     assert good["probe_evidence"][0] > 4.0
+
+
+def test_a_motor_without_a_limit_is_not_tested() -> None:
+    robot = load("panda")
+    free = np.full(robot.n, np.inf)
+    none = np.zeros(robot.n)
+    law = build("dftc", robot.n, H, robot.limit, none, 1, {}, True, -free, free, free)
+    assert isinstance(law, Dftc)
+    store = allocate(
+        parse({}, robot.n, printed=False),
+        dataclasses.replace(law.joints, torque_limit=free),
+        ftc=True,
+    )
+    assert not store.parameters["probe"].any()
+    assert not store.parameters["probe_size"].any()
 
 
 def test_tests_get_rarer() -> None:
