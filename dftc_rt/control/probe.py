@@ -10,9 +10,9 @@ would have delivered) and y (what the motion needed by the local model) are corr
 under a Hann window and orthogonally to any parabola, so that slow motion and slow disturbances
 drop out. Their complex ratio is ρ times
 
-    G = M_ii s² [(M s² + D s + K)⁻¹]_ii,    s = jω,
+    G = M_ii s² [(M s² + (D s + K) exp(-s T))⁻¹]_ii,    s = jω,
 
-because at that frequency the other joints give way under their own feedback, D_j = M_jj (λ_j +
+because at that frequency the other joints give way under their own feedback, late by T, D_j = M_jj (λ_j +
 k_j), K_j = M_jj λ_j k_j, and the local y counts them as standing still. G comes from the model at
 the desired pose, known before the run. Neighbours test at different frequencies, a whole number
 of periods within the window apart, which makes tests that run together orthogonal, and leaves a
