@@ -12,11 +12,11 @@ drop out. Their complex ratio is ρ times
 
     G = M_ii s² [(M s² + (D s + K) exp(-s T))⁻¹]_ii,    s = jω,
 
-because at that frequency the other joints give way under their own feedback, late by T, D_j = M_jj (λ_j +
-k_j), K_j = M_jj λ_j k_j, and the local y counts them as standing still. G comes from the model at
-the desired pose, known before the run. Neighbours test at different frequencies, a whole number
-of periods within the window apart, which makes tests that run together orthogonal, and leaves a
-fifth of a neighbour's wave at most of tests that overlap in part.
+because at that frequency the other joints give way under their own feedback, late by T,
+D_j = M_jj (λ_j + k_j), K_j = M_jj λ_j k_j, and the local y counts them as standing still. G comes
+from the model at the desired pose, known before the run. Neighbours test at different
+frequencies, a whole number of periods within the window apart: tests that run together are
+orthogonal, and those that overlap in part leave a quarter of a neighbour's wave at most.
 
 Source: instrumental variables in closed loop, [ljung1999]; active diagnosis, [niemann2006].
 """
