@@ -65,7 +65,7 @@ class Dftc:
         store = self.storage
         self._arrays = (
             store.parameters, store.state, store.weights, store.centres, store.sigma,
-            store.history, store.moments, store.correlations,
+            store.history, store.moments, store.correlations, store.sums,
         )  # fmt: skip
         par = store.parameters
         self._dead_s = (par["delay"] + 0.5) * par["period"] + par["torque_lag_s"]
@@ -130,7 +130,7 @@ class Dftc:
         par, state = self.storage.parameters, self.storage.state
         i = int(np.argmax(state["probe_at"] == probe.ASKED))
         half = 0.5 * float(par["probe_length"][i] * par["period"][i])
-        probe.answer(state, i, *self._response(i, rec[QD] + half * rec[VD]))
+        probe.answer(state, self.storage.sums, i, *self._response(i, rec[QD] + half * rec[VD]))
 
     def _response(self, i: int, pose: F64) -> tuple[complex | None, complex | None]:
         """G of joint i at a pose (n,), rad, as it is and with the load that explains e."""

@@ -105,6 +105,7 @@ def observe(
     x: Any,
     moments: F64,
     correlations: F64,
+    sums: F64,
     q: float,
     v: float,
     v_d: float,
@@ -121,7 +122,8 @@ def observe(
         p: Parameters.
         x: State; ``phi_sum`` and ``elapsed`` cover the interval since the last fresh sample.
         moments: Of the explanations, (7, 7).
-        correlations: Of the test torque, (longest, 3).
+        correlations: Of the test torque, (longest, 7).
+        sums: Of a running test, (2, 6), updated.
         q: Position, rad.
         v: Velocity, rad/s.
         v_d: Desired velocity, rad/s.
@@ -166,7 +168,7 @@ def observe(
     x.load_f += alpha * (load - x.load_f)
     x.friction_f += alpha * (math.tanh(v_d / attribution.V_FRICTION) - x.friction_f)
     if p.attribution == reaction.HYPOTHESES:
-        probe.sample(p, x, correlations, phi, y, v_d, x.elapsed)
+        probe.sample(p, x, sums, correlations, phi, y, v_d, x.elapsed)
     x.phi_sum = 0.0
     x.elapsed = 0
     if x.cycle < p.warmup or abs(x.phi_f) < p.excitation * p.floor:
@@ -234,6 +236,7 @@ def joint(
     history: F64,
     moments: F64,
     correlations: F64,
+    sums: F64,
 ) -> int:
     """One cycle of joint i; returns status bits."""
     q = rec[Q, i]
@@ -274,8 +277,9 @@ def joint(
         fresh = rec[AGE, i] == 0.0 and x.cycle > 0
         v_d = rec[VD, i]
         observable = observe(
-            p, x, moments, correlations, q, v, v_d, acc_d, m, b - m * wfo, load, g_o * m, fresh
-        )
+            p, x, moments, correlations, sums, q, v, v_d, acc_d, m, b - m * wfo, load, g_o * m,
+            fresh,
+        )  # fmt: skip
         residual = x.y_f - x.phi_f
         if p.attribution == reaction.HYPOTHESES:
             reaction.attribute(p, x, moments, observable)
@@ -361,6 +365,7 @@ def cycle(
     history: F64,
     moments: F64,
     correlations: F64,
+    sums: F64,
 ) -> int:
     """Kernel over all joints; returns the or of their status bits."""
     status = 0
@@ -368,7 +373,7 @@ def cycle(
         p, x = par[i], st[i]
         status |= joint(
             i, rec, m[i], b[i], load[i], p, x, w[i], c[i], sigma, history[i],
-            moments[i], correlations[i],
+            moments[i], correlations[i], sums[i],
         )  # fmt: skip
     return status
 

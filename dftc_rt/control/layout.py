@@ -47,9 +47,9 @@ _FLOATS: Final = (
     "load_not_loss", "add_not_loss",
     "e_square", "window", "effort", "since", "spare",
     "mass", "held_for",  # load taken into the model, kg
-    "low_for", "low_phi",  # time without any torque, s, and φ when it began, Nm
-    "probe_phi_re", "probe_phi_im", "probe_y_re", "probe_y_im", "probe_g_re", "probe_g_im",
-    "probe_re", "probe_im", "probe_evidence", "probe_other", "probe_wait", "drift",
+    "low_for", "low_phi", "low_pp", "low_py",  # without any torque: time, φ then, sums of growth
+    "probe_g_re", "probe_g_im", "probe_re", "probe_im", "probe_std", "probe_level",
+    "probe_evidence", "probe_other", "probe_wait", "drift",
 )  # fmt: skip
 _INTEGERS: Final = (
     "cycle", "elapsed", "saturated", "active", "handing",
@@ -74,7 +74,8 @@ class Storage:
         sigma: Scratch for σ(x), (m,).
         history: Commands sent, (n, length), Nm, a ring over the cycle number.
         moments: Of the explanations of an anomaly, (n, 7, 7).
-        correlations: Of the test torque, (n, longest, 3).
+        correlations: Of the test torque, (n, longest, 7).
+        sums: Of running tests, (n, 2, 6).
     """
 
     parameters: Struct
@@ -86,6 +87,7 @@ class Storage:
     history: F64
     moments: F64
     correlations: F64
+    sums: F64
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,6 +163,7 @@ def allocate(settings: Settings, joints: Joints, *, ftc: bool) -> Storage:
         history=np.zeros((n, int(joints.delay_cycles.max()) + 2)),
         moments=np.zeros((n, attribution.MOMENTS, attribution.MOMENTS)),
         correlations=correlations,
+        sums=np.zeros((n, *probe.SUMS)),
     )
 
 

@@ -18,7 +18,11 @@ from the model at the desired pose, known before the run. Neighbours test at dif
 frequencies, a whole number of periods within the window apart: tests that run together are
 orthogonal, and those that overlap in part leave a quarter of a neighbour's wave at most.
 
-Source: instrumental variables in closed loop, [ljung1999]; active diagnosis, [niemann2006].
+How much of the ratio is chance is seen beside it: what y has at one period more and one less that
+φ there does not explain. An edge within the window, as when a contact ends, is as large there.
+
+Source: instrumental variables in closed loop, [ljung1999]; active diagnosis, [niemann2006];
+noise from the lines beside the excited one, [pintelon2012] section 4.3.
 """
 
 from __future__ import annotations
@@ -38,8 +42,15 @@ PERIODS: Final = (5, 7, 9, 11, 13, 15)
 """Periods within a window, by joint number modulo 6."""
 COSINE: Final = 0
 SINE: Final = 1
-SHAPE: Final = 2
+SHAPE: Final = 6
 """Columns of a table: the two correlations, and the torque itself, in 1."""
+BESIDE: Final = ((2, -1), (4, 1))
+"""Columns of cosines that have fewer or more periods, and how many; their sines follow."""
+_PHI: Final = 0
+_Y: Final = 1
+_HEARD: Final = 6
+SUMS: Final = (2, _HEARD)
+"""Shape of the sums of one test: φ and y, along all correlations."""
 
 IDLE: Final = -1
 ASKED: Final = -2
@@ -65,6 +76,9 @@ _MOST_COUPLED: Final = 4.0
 """|G| beyond which a test proves nothing."""
 _ENOUGH: Final = 15.0
 """Most evidence that tests gather, nats."""
+_FEW: Final = 2.0  # a spread that is known from two lines alone may be larger
+_WORSE: Final = 0.15
+"""More loss than at the last test, from which that one does not count any more."""
 _BOUND: Final = 3.0
 """Largest distance that counts, in standard deviations."""
 
@@ -78,21 +92,24 @@ def table(n: int, period_s: float, probe_s: F64) -> tuple[F64, np.ndarray[Any, A
         probe_s: Length of the window, (n,), s.
 
     Returns:
-        (n, longest, 3), zero beyond a joint's own length; and the lengths in samples, (n,).
+        (n, longest, 7), zero beyond a joint's own length; and the lengths in samples, (n,).
     """
     lengths = np.maximum(np.round(probe_s / period_s).astype(np.int64), 4 * PERIODS[-1])
-    out = np.zeros((n, int(lengths.max()), 3))
+    out = np.zeros((n, int(lengths.max()), SHAPE + 1))
     for i, length in enumerate(lengths):
-        phase = 2.0 * np.pi * PERIODS[i % len(PERIODS)] * (np.arange(length) + 0.5) / length
+        periods = PERIODS[i % len(PERIODS)]
+        turn = 2.0 * np.pi * (np.arange(length) + 0.5) / length
         window = np.hanning(length + 2)[1:-1]
         t = np.linspace(-1.0, 1.0, length)
         slow = np.stack([np.ones_like(t), t, t * t], axis=1)
         # Remove from each correlation its part along the parabolas, in the window's norm.
         normal = slow.T @ (window[:, None] * slow)
-        for column, wave in ((COSINE, np.cos(phase)), (SINE, np.sin(phase))):
-            along = np.linalg.solve(normal, slow.T @ (window * wave))
-            out[i, :length, column] = window * (wave - slow @ along)
-        out[i, :length, SHAPE] = np.sin(phase)
+        for column, more in ((COSINE, 0), *BESIDE):
+            phase = (periods + more) * turn
+            waves = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+            along = np.linalg.solve(normal, slow.T @ (window[:, None] * waves))
+            out[i, :length, column : column + 2] = window[:, None] * (waves - slow @ along)
+        out[i, :length, SHAPE] = np.sin(periods * turn)
     return out, lengths
 
 
@@ -145,13 +162,16 @@ def forget(x: Any) -> None:
 
 
 @njit(**_CACHE)
-def sample(p: Any, x: Any, correlations: F64, phi: float, y: float, v_d: float, span: int) -> None:
+def sample(
+    p: Any, x: Any, sums: F64, correlations: F64, phi: float, y: float, v_d: float, span: int
+) -> None:
     """Take one sample of a running test.
 
     Args:
         p: Parameters.
         x: State.
-        correlations: (longest, 3) of :func:`table`.
+        sums: Of the test, :data:`SUMS`, updated.
+        correlations: (longest, 7) of :func:`table`.
         phi: φ of the last interval, not filtered, Nm.
         y: What the motion of that interval needed, not filtered, Nm.
         v_d: Desired velocity, rad/s.
@@ -163,11 +183,9 @@ def sample(p: Any, x: Any, correlations: F64, phi: float, y: float, v_d: float, 
     if span != 1:
         stop(x)
         return
-    c, s = correlations[at, COSINE], correlations[at, SINE]
-    x.probe_phi_re += c * phi
-    x.probe_phi_im -= s * phi
-    x.probe_y_re += c * y
-    x.probe_y_im -= s * y
+    for column in range(_HEARD):
+        sums[_PHI, column] += correlations[at, column] * phi
+        sums[_Y, column] += correlations[at, column] * y
     if abs(v_d) < _SLOW:
         x.probe_slow += 1
         if x.probe_slow > _SLOW_SHARE * p.probe_length:
@@ -175,7 +193,7 @@ def sample(p: Any, x: Any, correlations: F64, phi: float, y: float, v_d: float, 
             return
     x.probe_at = at + 1
     if at + 1 == p.probe_length:
-        finish(p, x)
+        finish(p, x, sums)
 
 
 @njit(**_CACHE)
@@ -189,23 +207,65 @@ def stop(x: Any) -> None:
 
 
 @njit(**_CACHE)
-def finish(p: Any, x: Any) -> None:
-    """Turn the sums of a complete test into a ratio, and average it with those before."""
+def finish(p: Any, x: Any, sums: F64) -> None:
+    """Turn the sums of a complete test into a ratio, and add its evidence to that of others."""
     stop(x)
-    sent = complex(x.probe_phi_re, x.probe_phi_im)
+    g = complex(x.probe_g_re, x.probe_g_im)
+    sent = line(sums, _PHI, COSINE)
     if abs(sent) < _SENT * p.probe_size:  # saturation or coarse steps ate the wave
         return
-    ratio = complex(x.probe_y_re, x.probe_y_im) / (sent * complex(x.probe_g_re, x.probe_g_im))
+    heard = line(sums, _Y, COSINE) / sent
+    ratio = heard / g
     x.probe_re, x.probe_im = ratio.real, ratio.imag
+    x.probe_std = chance(sums, heard) / abs(sent * g)
     if abs(ratio.imag) > _QUADRATURE or not _LEAST < ratio.real < _LARGEST:
         return
     x.probe_count += 1
     coupled = abs(complex(x.probe_g_re, x.probe_g_im)) / _COUPLED
-    std = _STD * max(1.0, coupled * coupled)
+    std = math.hypot(_STD * max(1.0, coupled * coupled), _FEW * x.probe_std)
+    x.probe_level = 1.0 - x.h_loss
     total = x.probe_evidence + evidence(
         ratio.real, ratio.imag, 1.0 - x.h_loss, min(x.probe_other, _OTHERWISE), std
     )
     x.probe_evidence = min(max(total, -_ENOUGH), _ENOUGH)
+
+
+@njit(**_CACHE)
+def line(sums: F64, signal: int, column: int) -> complex:
+    """Fourier coefficient of a signal of a test.
+
+    Args:
+        sums: Of the test, :data:`SUMS`.
+        signal: Row.
+        column: Column of the cosine.
+    """
+    return complex(sums[signal, column], -sums[signal, column + 1])
+
+
+@njit(**_CACHE)
+def chance(sums: F64, heard: complex) -> float:
+    """Standard deviation of a Fourier coefficient of y, Nm: what is beside it without a cause.
+
+    Of two coefficients, with two components each. What the test itself leaks into them cancels, and
+    half of the error with it when an edge is in the middle of the window.
+
+    Args:
+        sums: Of the test, :data:`SUMS`.
+        heard: y over φ, complex, at the frequency of the test.
+    """
+    square = 0.0
+    for column, _ in BESIDE:
+        left = line(sums, _Y, column) - heard * line(sums, _PHI, column)
+        square += left.real * left.real + left.imag * left.imag
+    return math.sqrt(0.25 * square)
+
+
+@njit(**_CACHE)
+def revise(x: Any) -> None:
+    """Forget what tests said against a loss when the residual suggests a larger one by now."""
+    if x.probe_evidence < 0.0 and 1.0 - x.h_loss < x.probe_level - _WORSE:
+        x.probe_evidence = 0.0
+        x.probe_wait = min(x.probe_wait, _GAP_S)
 
 
 @njit(**_CACHE)
@@ -222,7 +282,7 @@ def evidence(ratio: float, quadrature: float, level: float, other: float, std: f
         quadrature: The same out of phase, which no explanation foresees.
         level: 1 - the loss that the residual suggests.
         other: The least ratio that no loss explains.
-        std: Standard deviation of a test that nothing spoilt.
+        std: Standard deviation of the test's ratio.
     """
     variance = std * std + quadrature * quadrature
     other = min(ratio - other, 0.0)
@@ -263,11 +323,12 @@ def torque(p: Any, x: Any, correlations: F64) -> float:
     return wave
 
 
-def answer(state: Any, i: int, g: complex | None, loaded: complex | None = None) -> None:
+def answer(state: Any, sums: F64, i: int, g: complex | None, loaded: complex | None = None) -> None:
     """Start the test that joint i asked for.
 
     Args:
         state: (n,) of :data:`dftc_rt.control.layout.STATE`.
+        sums: Of all tests, (n, 2, 6); those of joint i are set to zero.
         i: Joint.
         g: From :func:`response`; None: nobody knows it, and there is no test. No test either,
             for now, where the neighbours' answer is most of what would come back.
@@ -278,7 +339,7 @@ def answer(state: Any, i: int, g: complex | None, loaded: complex | None = None)
         state["probe_wait"][i] = math.inf if g is None else _PAUSE_S
         return
     state["probe_at"][i] = 0
-    for name in ("probe_phi_re", "probe_phi_im", "probe_y_re", "probe_y_im", "probe_slow"):
-        state[name][i] = 0
+    state["probe_slow"][i] = 0
+    sums[i] = 0.0
     state["probe_g_re"][i], state["probe_g_im"][i] = g.real, g.imag
     state["probe_other"][i] = _OTHERWISE if loaded is None else (loaded / g).real

@@ -27,6 +27,8 @@ _KEEP_S: Final = 1.0  # a payload change that has been explained for so long is 
 _NEEDED: Final = 6.0  # residual floors of torque from which a joint must feel its motor
 _SHARE: Final = 0.25  # of φ that the motion itself must need
 _GROWN: Final = 1.4
+_GROWTH: Final = 0.06  # of the torque limit, and what y may answer
+_ANSWER: Final = 0.3  # of it
 _HANDED: Final = 0.01  # from the gain that is wanted: the hand-over is done
 _POWERLESS_S: Final = 0.02
 
@@ -62,6 +64,7 @@ def attribute(p: Any, x: Any, moments: F64, observable: bool) -> None:
     before = x.verdict
     now = HEALTHY if observable else NOT_OBSERVABLE
     if x.active == 1:
+        probe.revise(x)
         now = attribution.verdict(p, x, x.probe_evidence, before)
         if now != ACTUATOR_LOSS and lost:
             now = ACTUATOR_LOSS
@@ -129,7 +132,8 @@ def powerless(p: Any, x: Any) -> bool:
 
     Under an additive torque y grows with φ, whatever its size; without a motor it stays at
     zero, where it would be anyway if the motion needed nothing: the desired motion has to need
-    torque. φ has to grow by half of what it was, which the compensation sees to.
+    torque. φ has to grow, by a share of what it was and of the limit, which the compensation sees
+    to, and y must not answer: a push may cancel the motor, but hardly follow it.
     """
     least = max(_NEEDED * p.floor, p.load_fraction * p.limit)
     size = abs(x.phi_f)
@@ -139,9 +143,14 @@ def powerless(p: Any, x: Any) -> bool:
         return False
     if x.low_for == 0.0:
         x.low_phi = x.phi_f
+        x.low_pp = x.low_py = 0.0
     x.low_for += p.period
-    grown = x.phi_f * x.low_phi > 0.0 and abs(x.phi_f) > _GROWN * abs(x.low_phi)
-    return bool(x.low_for >= _POWERLESS_S and grown)
+    growth = x.phi_f - x.low_phi
+    x.low_pp += growth * growth
+    x.low_py += growth * x.y_f
+    least = max((_GROWN - 1.0) * abs(x.low_phi), _GROWTH * p.limit)
+    grown = growth * x.low_phi > 0.0 and abs(growth) > least
+    return bool(x.low_for >= _POWERLESS_S and grown and x.low_py < _ANSWER * x.low_pp)
 
 
 @njit(**_CACHE)

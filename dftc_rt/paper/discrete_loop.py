@@ -213,7 +213,7 @@ def arguments(store: layout.Storage) -> tuple[Any, ...]:
     by_name = {
         "load": np.zeros(store.parameters.shape[0]), "par": store.parameters, "st": store.state,
         "w": store.weights, "c": store.centres, "sigma": store.sigma, "history": store.history,
-        "moments": store.moments, "correlations": store.correlations,
+        "moments": store.moments, "correlations": store.correlations, "sums": store.sums,
     }  # fmt: skip
     kernel: Any = CYCLE
     names = list(inspect.signature(kernel.py_func).parameters)[3:]

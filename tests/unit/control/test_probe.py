@@ -28,8 +28,8 @@ def test_slow_signals_drop_out() -> None:
         size = np.abs(row[:, probe.SHAPE] @ row[:, probe.SINE])
         for power in range(3):
             slow = (t / N) ** power
-            assert abs(slow @ row[:, probe.COSINE]) < 1e-9 * size
-            assert abs(slow @ row[:, probe.SINE]) < 1e-9 * size
+            for column in range(probe.SHAPE):
+                assert abs(slow @ row[:, column]) < 1e-9 * size
 
 
 def test_neighbours_that_test_together_do_not_hear_each_other() -> None:
@@ -163,18 +163,20 @@ def test_a_test_torque_is_in_the_command_only_when_it_is_on() -> None:
     assert waves[0.02] > 5.0 * waves[0.0]
 
 
-def _finished(ratio: complex, share: float = 1.0) -> Any:
+def _finished(ratio: complex, share: float = 1.0, beside: float = 0.0) -> Any:
     """State of a joint after one test whose wave reached the command in part."""
     law = _law()
     law.start(np.zeros(7), np.zeros(7))
     state = law.storage.state
-    probe.answer(state, 0, 1.0 + 0j)
+    probe.answer(state, law.storage.sums, 0, 1.0 + 0j)
     p, x = law.storage.parameters[0], state[0]
     sent = share * float(p["probe_size"])
     x["h_loss"] = 0.4
-    x["probe_phi_re"] = sent
-    x["probe_y_re"], x["probe_y_im"] = (sent * ratio).real, (sent * ratio).imag
-    probe.finish(p, x)
+    sums = law.storage.sums[0]
+    sums[0, probe.COSINE] = sent
+    sums[1, probe.COSINE], sums[1, probe.SINE] = (sent * ratio).real, -(sent * ratio).imag
+    sums[1, 2] = sums[1, 4] = beside * sent
+    probe.finish(p, x, sums)
     return state
 
 
@@ -191,6 +193,53 @@ def test_a_spoilt_test_does_not_count(ratio: complex, share: float) -> None:
     good = _finished(0.6 + 0.02j)
     assert good["probe_count"][0] == 1
     assert good["probe_evidence"][0] > 4.0
+
+
+def test_what_is_beside_the_line_makes_a_test_prove_less() -> None:
+    clean, disturbed = _finished(0.6 + 0j), _finished(0.6 + 0j, beside=0.2)
+    assert disturbed["probe_std"][0] == pytest.approx(0.2 / np.sqrt(2.0))
+    assert disturbed["probe_evidence"][0] < 1.0 < clean["probe_evidence"][0]
+
+
+@pytest.mark.parametrize("at", [80, 150, 230])
+def test_an_edge_within_a_test_is_seen_beside_the_line(at: int) -> None:
+    """A contact ends: y jumps. The error that it makes is no surprise."""
+    law = _law()
+    law.start(np.zeros(7), np.zeros(7))
+    state, sums = law.storage.state, law.storage.sums
+    p, x = law.storage.parameters[0], state[0]
+    for edge in (0.0, 4.0 * float(p["probe"] * p["limit"])):
+        probe.answer(state, sums, 0, 1.0 + 0j)
+        for k in range(N):
+            wave = probe.torque(p, x, law.storage.correlations[0])
+            y = 0.6 * wave + (edge if k > at else 0.0)
+            probe.sample(p, x, sums[0], law.storage.correlations[0], wave, y, 0.5, 1)
+        error = abs(complex(x["probe_re"], x["probe_im"]) - 0.6)
+        if edge:
+            assert 0.02 < error < 3.0 * float(x["probe_std"])
+        else:
+            assert error < 1e-9
+            assert x["probe_std"] < 1e-9
+
+
+def test_what_the_joint_itself_sends_beside_the_line_is_no_disturbance() -> None:
+    law = _law()
+    sums = law.storage.sums[0]
+    sums[1, 2] = sums[1, 5] = 0.3
+    assert probe.chance(sums, 0j) == pytest.approx(0.3 / np.sqrt(2.0))
+    sums[0, 2] = sums[0, 5] = 0.3
+    assert probe.chance(sums, 1.0 + 0j) == pytest.approx(0.0)
+
+
+def test_what_spoke_against_a_loss_is_forgotten_when_it_gets_worse() -> None:
+    law = _law()
+    x = law.storage.state[0]
+    x["probe_level"], x["probe_wait"] = 0.85, 10.0
+    for level, evidence, kept in ((0.75, -15.0, -15.0), (0.5, 6.0, 6.0), (0.5, -15.0, 0.0)):
+        x["h_loss"], x["probe_evidence"] = 1.0 - level, evidence
+        probe.revise(x)
+        assert x["probe_evidence"] == kept
+    assert x["probe_wait"] < 0.1
 
 
 def test_a_motor_without_a_limit_is_not_tested() -> None:
@@ -227,11 +276,12 @@ def test_a_missing_sample_ends_a_test() -> None:
     law = _law()
     law.start(np.zeros(7), np.zeros(7))
     state = law.storage.state
-    probe.answer(state, 0, 1.0 + 0j)
+    probe.answer(state, law.storage.sums, 0, 1.0 + 0j)
     p, x = law.storage.parameters[0], state[0]
-    probe.sample(p, x, law.storage.correlations[0], 1.0, 1.0, 0.5, 1)
+    sums = law.storage.sums[0]
+    probe.sample(p, x, sums, law.storage.correlations[0], 1.0, 1.0, 0.5, 1)
     assert state["probe_at"][0] == 1
-    probe.sample(p, x, law.storage.correlations[0], 1.0, 1.0, 0.5, 2)
+    probe.sample(p, x, sums, law.storage.correlations[0], 1.0, 1.0, 0.5, 2)
     assert state["probe_at"][0] == probe.IDLE
     assert state["probe_count"][0] == 0
 

@@ -32,8 +32,8 @@ def _law(**gains: Any) -> Any:
 
 @pytest.mark.parametrize(
     ("share", "lost", "expected"),
-    [(0.0, 0.0, True), (0.1, 0.0, True), (0.5, 0.0, False), (1.0, 24.0, False)],
-    ids=["nothing arrives", "a tenth", "half", "all, against a disturbance"],
+    [(0.0, 0.0, True), (0.1, 0.0, True), (0.5, 0.0, False), (1.0, 24.0, False), (0.5, 12.0, False)],
+    ids=["nothing arrives", "a tenth", "half", "all, against a disturbance", "half of what grows"],
 )
 def test_powerless(share: float, lost: float, expected: bool) -> None:
     """φ is raised from 24 to 48 Nm in 0.1 s; y is what arrives of it, less the disturbance."""
