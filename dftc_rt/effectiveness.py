@@ -15,8 +15,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dftc_rt.config import scenario as kinds
-from dftc_rt.config.scenario import Fault
+from dftc_rt.config import faults as kinds
+from dftc_rt.config.faults import Fault
 from dftc_rt.errors import InputError
 
 F64 = NDArray[np.float64]

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dftc_rt import effectiveness as shares
-from dftc_rt.config import scenario as kinds
-from dftc_rt.config.scenario import Fault
+from dftc_rt.config import faults as kinds
+from dftc_rt.config.faults import Fault
 from dftc_rt.errors import InputError
 from hil.plants.layout import BIAS, CEILING, DEAD_ZONE, FRICTION, LAG, STUCK, TORQUE_LIMIT
 

@@ -8,27 +8,24 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-import msgspec
-from msgspec import Meta
+from msgspec import Meta, field
 
+from dftc_rt.config.faults import Fault
+from dftc_rt.config.fields import (
+    AtLeastOne,
+    Deflection,
+    Magnitudes,
+    NonNegative,
+    Positive,
+    Positives,
+    Scalars,
+    Seed,
+    Strict,
+)
 from dftc_rt.config.robot import Plant
 
-Positive = Annotated[float, Meta(gt=0)]
-NonNegative = Annotated[float, Meta(ge=0)]
-Fraction = Annotated[float, Meta(ge=0, le=1)]
-Scalars = float | tuple[float, ...]  # one value for all joints, or one per joint
-Magnitudes = NonNegative | tuple[NonNegative, ...]  # the same, none negative
-Positives = Positive | tuple[Positive, ...]  # the same, all above 0
-AtLeastOne = Annotated[float, Meta(ge=1)]
-Deflection = Annotated[float, Meta(ge=1e-9)]
-Seed = Annotated[int, Meta(ge=0)]
 
-
-class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Base of every table: immutable, unknown keys refused."""
-
-
-class RobotTable(_Strict, frozen=True):
+class RobotTable(Strict, frozen=True):
     """``[robot]``: which robot; one of ``name``, ``urdf`` and ``plant``."""
 
     name: str | None = None
@@ -38,7 +35,7 @@ class RobotTable(_Strict, frozen=True):
     home_rad: tuple[float, ...] | None = None
 
 
-class ReferenceTable(_Strict, frozen=True):
+class ReferenceTable(Strict, frozen=True):
     """``[reference]``: desired motion about the home pose."""
 
     kind: Literal["hold", "sine", "multisine", "waypoints", "csv", "paper1", "paper2"] = "multisine"
@@ -54,7 +51,7 @@ class ReferenceTable(_Strict, frozen=True):
     file: str | None = None
 
 
-class ControlTable(_Strict, frozen=True):
+class ControlTable(Strict, frozen=True):
     """``[control]``: which law, and its settings."""
 
     law: str = "dftc"
@@ -64,10 +61,10 @@ class ControlTable(_Strict, frozen=True):
     calibration: str | None = None
     identification: str | None = None
     identification_in_law: bool = False
-    gains: dict[str, Any] = {}
+    gains: dict[str, Any] = field(default_factory=dict)
 
 
-class ExecutorTable(_Strict, frozen=True):
+class ExecutorTable(Strict, frozen=True):
     """``[executor]``: the fixed-rate loop."""
 
     rate_hz: Annotated[float, Meta(ge=1, le=10_000)] = 1000.0
@@ -75,7 +72,7 @@ class ExecutorTable(_Strict, frozen=True):
     read_budget: Literal["auto"] | Annotated[float, Meta(gt=0, le=1)] = "auto"
 
 
-class BusTable(_Strict, frozen=True):
+class BusTable(Strict, frozen=True):
     """``[bus]``: how frames travel."""
 
     interface: Literal["auto", "vcan", "unix", "inprocess"] = "auto"
@@ -85,7 +82,7 @@ class BusTable(_Strict, frozen=True):
     data_bitrate: Annotated[int, Meta(ge=10_000, le=8_000_000)] = 5_000_000
 
 
-class SupervisorTable(_Strict, frozen=True):
+class SupervisorTable(Strict, frozen=True):
     """``[supervisor]``: limits that end in a safe stop."""
 
     tracking_error_rad: Positive = 0.5
@@ -95,7 +92,7 @@ class SupervisorTable(_Strict, frozen=True):
     stop_ramp_s: Annotated[float, Meta(gt=0, le=60)] = 0.3
 
 
-class PlantTable(_Strict, frozen=True):
+class PlantTable(Strict, frozen=True):
     """``[rig.plant]``: the true robot; the controller is not told."""
 
     substeps: Annotated[int, Meta(ge=1, le=1000)] = 4
@@ -116,7 +113,7 @@ class PlantTable(_Strict, frozen=True):
     armature: Magnitudes | None = None
 
 
-class DriveTable(_Strict, frozen=True):
+class DriveTable(Strict, frozen=True):
     """``[rig.drive]``: the emulated drives."""
 
     encoder_bits: Annotated[int, Meta(ge=4, le=31)] = 19
@@ -125,123 +122,14 @@ class DriveTable(_Strict, frozen=True):
     watchdog_s: Positive = 0.02
 
 
-class RigTable(_Strict, frozen=True):
+class RigTable(Strict, frozen=True):
     """``[rig]``: the robot's stand-in."""
 
     plant: PlantTable = PlantTable()
     drive: DriveTable = DriveTable()
 
 
-class _Timed(_Strict, frozen=True, tag_field="kind", kw_only=True):
-    start_s: NonNegative = 0.0
-    end_s: Positive = 1e9
-
-
-class _Fault(_Timed, frozen=True, kw_only=True):
-    joint: str
-
-
-class LossFault(_Fault, frozen=True, tag="loss", kw_only=True):
-    """Constant partial loss: the motor delivers ``effectiveness`` of its torque."""
-
-    effectiveness: Fraction
-
-
-class RampFault(_Fault, frozen=True, tag="ramp", kw_only=True):
-    """Incipient loss: effectiveness falls linearly from 1 to ``to`` in ``over_s``."""
-
-    to: Fraction
-    over_s: Positive
-
-
-class SineFault(_Fault, frozen=True, tag="sine", kw_only=True):
-    """Effectiveness ``mean + amplitude cos(omega t)``, t since the run began."""
-
-    mean: Fraction
-    amplitude: Fraction
-    omega_rad_s: Positive
-
-
-class IntermittentFault(_Fault, frozen=True, tag="intermittent", kw_only=True):
-    """Loss that comes and goes: ``effectiveness`` for ``duty`` of each period."""
-
-    effectiveness: Fraction
-    period_s: Positive
-    duty: Fraction = 0.5
-
-
-class TotalFault(_Fault, frozen=True, tag="total", kw_only=True):
-    """Total loss: no torque at all."""
-
-
-class BiasFault(_Fault, frozen=True, tag="bias", kw_only=True):
-    """The motor gives ``torque_nm`` on top of what it is told."""
-
-    torque_nm: float
-
-
-class SaturationFault(_Fault, frozen=True, tag="saturation", kw_only=True):
-    """The motor gives at most ``limit`` of the joint's torque limit."""
-
-    limit: Fraction
-
-
-class DeadZoneFault(_Fault, frozen=True, tag="dead_zone", kw_only=True):
-    """The first ``width_nm`` of torque, in either direction, are swallowed."""
-
-    width_nm: Positive
-
-
-class StuckTorqueFault(_Fault, frozen=True, tag="stuck_torque", kw_only=True):
-    """The motor goes on giving what it gave when the fault began."""
-
-
-class LagFault(_Fault, frozen=True, tag="lag", kw_only=True):
-    """The motor's torque comes through a further first-order lag of ``lag_s``."""
-
-    lag_s: Positive
-
-
-class PayloadFault(_Timed, frozen=True, tag="payload", kw_only=True):
-    """A point mass on the link behind ``joint``, by default the last: no actuator fault."""
-
-    joint: str | None = None
-    payload_kg: Positive
-    com_m: tuple[float, float, float] = (0.0, 0.0, 0.1)
-
-
-class ContactFault(_Timed, frozen=True, tag="contact", kw_only=True):
-    """A force, base frame, on the origin of the link behind ``joint``, by default the last."""
-
-    joint: str | None = None
-    force_n: tuple[float, float, float]
-
-
-class FrictionFault(_Timed, frozen=True, tag="friction", kw_only=True):
-    """Friction of ``joint``, by default of all, is ``factor`` times what it was."""
-
-    joint: str | None = None
-    factor: NonNegative
-
-
-Fault = (
-    LossFault
-    | RampFault
-    | SineFault
-    | IntermittentFault
-    | TotalFault
-    | BiasFault
-    | SaturationFault
-    | DeadZoneFault
-    | StuckTorqueFault
-    | LagFault
-    | PayloadFault
-    | ContactFault
-    | FrictionFault
-)
-
-
-class Scenario(_Strict, frozen=True):
+class Scenario(Strict, frozen=True):
     """One run. See the module's docstring."""
 
     name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9._-]+$")]

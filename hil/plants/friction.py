@@ -33,7 +33,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dftc_rt.config.scenario import PlantTable, Scalars
+from dftc_rt.config.fields import Scalars
+from dftc_rt.config.scenario import PlantTable
 from dftc_rt.dynamics.model import Robot
 from dftc_rt.errors import InputError
 from hil.plants import layout

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from dftc_rt.config.scenario import (
+from dftc_rt.config.faults import (
     BiasFault,
     Fault,
     IntermittentFault,

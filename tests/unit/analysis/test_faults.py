@@ -13,8 +13,8 @@ from dftc_rt.analysis.faults import (
     faults_of,
     scenario_of,
 )
+from dftc_rt.config.faults import Fault
 from dftc_rt.config.load import load_scenario
-from dftc_rt.config.scenario import Fault
 from dftc_rt.errors import LogError
 from hil import SCENARIOS
 

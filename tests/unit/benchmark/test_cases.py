@@ -9,8 +9,8 @@ import pytest
 from dftc_rt.benchmark import cases, conditions
 from dftc_rt.benchmark.cases import INTERCONNECTIONS, KINDS, VARIANTS, Group
 from dftc_rt.config.calibration import Calibration, JointCalibration
+from dftc_rt.config.faults import IntermittentFault, LossFault, RampFault, SineFault, TotalFault
 from dftc_rt.config.load import load_scenario
-from dftc_rt.config.scenario import IntermittentFault, LossFault, RampFault, SineFault, TotalFault
 from dftc_rt.control import laws
 from hil import SCENARIOS
 

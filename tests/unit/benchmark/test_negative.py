@@ -9,8 +9,9 @@ from dftc_rt.analysis.faults import ACTUATOR_KINDS
 from dftc_rt.benchmark import negative
 from dftc_rt.benchmark.conditions import NEGATIVE_S, RIG
 from dftc_rt.benchmark.negative import ITEMS, Item, item_settings, measure_negative
+from dftc_rt.config.faults import ContactFault, FrictionFault, PayloadFault
 from dftc_rt.config.load import load_scenario
-from dftc_rt.config.scenario import ContactFault, FrictionFault, PayloadFault, Scenario
+from dftc_rt.config.scenario import Scenario
 from dftc_rt.control.signals import ACTUATOR_LOSS, ANOMALY, NOT_OBSERVABLE
 from dftc_rt.reference import Reference
 from hil import SCENARIOS

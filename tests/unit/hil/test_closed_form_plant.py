@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dftc_rt.config.faults import FrictionFault
 from dftc_rt.config.load import load_scenario
-from dftc_rt.config.scenario import FrictionFault
 from dftc_rt.dynamics.robot import load_robot
 from dftc_rt.errors import InputError
 from hil import SCENARIOS

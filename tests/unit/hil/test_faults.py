@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dftc_rt.config.scenario import (
+from dftc_rt.config.faults import (
     BiasFault,
     ContactFault,
     Fault,

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
 
-from dftc_rt.config.scenario import ContactFault, FrictionFault, PayloadFault
+from dftc_rt.config.faults import ContactFault, FrictionFault, PayloadFault
 from dftc_rt.dynamics.payload import with_payload
 from dftc_rt.dynamics.robot import load_robot
 from hil.plants.rigid_body import RigidBodyPlant

@@ -9,7 +9,8 @@ import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
 
-from dftc_rt.config.scenario import DriveTable, Fault, LossFault, PlantTable
+from dftc_rt.config.faults import Fault, LossFault
+from dftc_rt.config.scenario import DriveTable, PlantTable
 from dftc_rt.dynamics.model import Robot
 from dftc_rt.dynamics.robot import load_robot
 from dftc_rt.dynamics.whole_body import WholeBody

@@ -1,0 +1,114 @@
+"""``[[fault]]`` of a scenario: what breaks, when, and how much. ``docs/faults.md`` is for users."""
+
+from __future__ import annotations
+
+from dftc_rt.config.fields import Fraction, NonNegative, Positive, Strict
+
+
+class _Timed(Strict, frozen=True, tag_field="kind", kw_only=True):
+    start_s: NonNegative = 0.0
+    end_s: Positive = 1e9
+
+
+class _Fault(_Timed, frozen=True, kw_only=True):
+    joint: str
+
+
+class LossFault(_Fault, frozen=True, tag="loss", kw_only=True):
+    """Constant partial loss: the motor delivers ``effectiveness`` of its torque."""
+
+    effectiveness: Fraction
+
+
+class RampFault(_Fault, frozen=True, tag="ramp", kw_only=True):
+    """Incipient loss: effectiveness falls linearly from 1 to ``to`` in ``over_s``."""
+
+    to: Fraction
+    over_s: Positive
+
+
+class SineFault(_Fault, frozen=True, tag="sine", kw_only=True):
+    """Effectiveness ``mean + amplitude cos(omega t)``, t since the run began."""
+
+    mean: Fraction
+    amplitude: Fraction
+    omega_rad_s: Positive
+
+
+class IntermittentFault(_Fault, frozen=True, tag="intermittent", kw_only=True):
+    """Loss that comes and goes: ``effectiveness`` for ``duty`` of each period."""
+
+    effectiveness: Fraction
+    period_s: Positive
+    duty: Fraction = 0.5
+
+
+class TotalFault(_Fault, frozen=True, tag="total", kw_only=True):
+    """Total loss: no torque at all."""
+
+
+class BiasFault(_Fault, frozen=True, tag="bias", kw_only=True):
+    """The motor gives ``torque_nm`` on top of what it is told."""
+
+    torque_nm: float
+
+
+class SaturationFault(_Fault, frozen=True, tag="saturation", kw_only=True):
+    """The motor gives at most ``limit`` of the joint's torque limit."""
+
+    limit: Fraction
+
+
+class DeadZoneFault(_Fault, frozen=True, tag="dead_zone", kw_only=True):
+    """The first ``width_nm`` of torque, in either direction, are swallowed."""
+
+    width_nm: Positive
+
+
+class StuckTorqueFault(_Fault, frozen=True, tag="stuck_torque", kw_only=True):
+    """The motor goes on giving what it gave when the fault began."""
+
+
+class LagFault(_Fault, frozen=True, tag="lag", kw_only=True):
+    """The motor's torque comes through a further first-order lag of ``lag_s``."""
+
+    lag_s: Positive
+
+
+class PayloadFault(_Timed, frozen=True, tag="payload", kw_only=True):
+    """A point mass on the link behind ``joint``, by default the last: no actuator fault."""
+
+    joint: str | None = None
+    payload_kg: Positive
+    com_m: tuple[float, float, float] = (0.0, 0.0, 0.1)
+
+
+class ContactFault(_Timed, frozen=True, tag="contact", kw_only=True):
+    """A force, base frame, on the origin of the link behind ``joint``, by default the last."""
+
+    joint: str | None = None
+    force_n: tuple[float, float, float]
+
+
+class FrictionFault(_Timed, frozen=True, tag="friction", kw_only=True):
+    """Friction of ``joint``, by default of all, is ``factor`` times what it was."""
+
+    joint: str | None = None
+    factor: NonNegative
+
+
+Fault = (
+    LossFault
+    | RampFault
+    | SineFault
+    | IntermittentFault
+    | TotalFault
+    | BiasFault
+    | SaturationFault
+    | DeadZoneFault
+    | StuckTorqueFault
+    | LagFault
+    | PayloadFault
+    | ContactFault
+    | FrictionFault
+)
