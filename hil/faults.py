@@ -44,20 +44,22 @@ _FAULT = np.dtype(
 
 
 def compile_faults(faults: Sequence[Fault], joints: Sequence[str]) -> NDArray[np.void]:
-    """Return the faults as a structured array for the kernels, one row each.
+    """Return the faults of joints and arm as a structured array for the kernels, one row each.
+
+    Those of buses are left out: :mod:`hil.bus.impairments` has them.
 
     Raises:
         InputError: A fault names an unknown joint, or ends before it starts.
     """
-    table = np.zeros(len(faults), dtype=_FAULT)
-    for k, fault in enumerate(faults):
+    own = [(k, fault) for k, fault in enumerate(faults) if not isinstance(fault, kinds.OnBus)]
+    table = np.zeros(len(own), dtype=_FAULT)
+    for row, (k, fault) in zip(table, own, strict=True):
         if fault.joint is not None and fault.joint not in joints:
             raise InputError(
                 f"fault[{k}].joint", f"no joint '{fault.joint}'", "one of " + ", ".join(joints)
             )
         if fault.end_s <= fault.start_s:
             raise InputError(f"fault[{k}].end_s", f"{fault.end_s}", f"more than {fault.start_s}")
-        row = table[k]
         row["start"], row["end"] = fault.start_s, fault.end_s
         row["profile"], parameters = _parameters(fault)
         for name, value in zip("abcd", parameters, strict=False):

@@ -21,6 +21,7 @@ from dftc_rt.drives.scale import ScaleTable
 from dftc_rt.drives.wiring import bus_names, joint_scales
 from dftc_rt.dynamics.model import Robot
 from dftc_rt.errors import InputError
+from hil.bus.impairments import Impairments, of_bus
 from hil.bus.port import BusPort
 from hil.drive.node402 import Cia402Drives, DriveSpec
 from hil.drive.sensors import Sensors, torque_commands
@@ -128,6 +129,9 @@ class Rig:
         self._sensors = Sensors(scenario.rig.drive, table, scenario.seed, n)
         self._sensors.preset(self.plant.q, self.drives.objects)
         self.ports = list(ports)
+        for index, (name, port) in enumerate(zip(names, self.ports, strict=True)):
+            if found := of_bus(scenario.fault, name, names):
+                port.impair(Impairments(name, found, scenario.seed, index, event))
         self._sink = sink
         self._event = event
         self._inbox = frame_buffer(_CAPACITY)
@@ -286,6 +290,8 @@ class Rig:
             self._sink.slot(),
         )
         self._sink.commit()
+        for port in self.ports:
+            port.advance(t)
         self._actuate()
         self._sensors.latch(plant.q, plant.v, plant.motor, drives.objects)
         self.steps += 1
@@ -299,7 +305,7 @@ class Rig:
     def _answer(self, bus: int, port: BusPort) -> None:
         count = self.drives.answer(bus, self._out)
         if count:
-            port.send(self._out, count)
+            port.send(self._out, count, self.drives.senders)
 
 
 def check_rig(scenario: Scenario, robot: Robot) -> None:
@@ -309,6 +315,9 @@ def check_rig(scenario: Scenario, robot: Robot) -> None:
         InputError: A value of ``[rig]`` or a fault does not fit the robot.
     """
     check_outside(robot, compile_faults(scenario.fault, robot.joints))
+    names = bus_names(robot.joint_config)
+    for name in names:
+        of_bus(scenario.fault, name, names)
     initial_state(scenario, robot, np.zeros((2, robot.n)))
     plant = scenario.rig.plant
     joint_parameters(robot, plant)

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
+from msgspec import Meta
+
 from dftc_rt.config.fields import Fraction, NonNegative, Positive, Strict
+
+CanId = Annotated[int, Meta(ge=0, le=0x7FF)]
 
 
 class _Timed(Strict, frozen=True, tag_field="kind", kw_only=True):
@@ -97,6 +103,63 @@ class FrictionFault(_Timed, frozen=True, tag="friction", kw_only=True):
     factor: NonNegative
 
 
+class OnBus(_Timed, frozen=True, kw_only=True):
+    """A fault of the bus ``bus``, by its logical name; the others are faults of the robot."""
+
+    bus: str
+
+
+class _FrameFault(OnBus, frozen=True, kw_only=True):
+    can_id: CanId | None = None
+
+
+class FrameLossFault(_FrameFault, frozen=True, tag="frame_loss", kw_only=True):
+    """Frames vanish, and their senders do not know."""
+
+    probability: Fraction
+
+
+class FrameCorruptionFault(_FrameFault, frozen=True, tag="frame_corruption", kw_only=True):
+    """Frames fail their CRC: nobody takes them, and their senders repeat them or do not."""
+
+    probability: Annotated[float, Meta(ge=0, lt=1)]
+    retransmit: bool = True
+
+
+class FrameDelayFault(_FrameFault, frozen=True, tag="frame_delay", kw_only=True):
+    """Frames come later than they were sent."""
+
+    delay_s: Positive
+    probability: Fraction = 1.0
+
+
+class FrameDuplicationFault(_FrameFault, frozen=True, tag="frame_duplication", kw_only=True):
+    """Frames come twice, as after an error in the last bit of the end of a frame."""
+
+    probability: Fraction
+
+
+class BabbleFault(OnBus, frozen=True, tag="babble", kw_only=True):
+    """A node that sends without a pause."""
+
+    can_id: CanId
+    rate_hz: Annotated[float, Meta(gt=0, le=20_000)]
+    data_bytes: Annotated[int, Meta(ge=0, le=8)] = 8
+
+
+class BusOffFault(OnBus, frozen=True, tag="bus_off", kw_only=True):
+    """The controller's CAN node is off the bus: what it sends and should hear is lost."""
+
+
+BusFault = (
+    FrameLossFault
+    | FrameCorruptionFault
+    | FrameDelayFault
+    | FrameDuplicationFault
+    | BabbleFault
+    | BusOffFault
+)
+
 Fault = (
     LossFault
     | RampFault
@@ -111,4 +174,5 @@ Fault = (
     | PayloadFault
     | ContactFault
     | FrictionFault
+    | BusFault
 )

@@ -37,12 +37,14 @@ class Client:
         barrier: Cycle of the barrier that the client waits at; None when it does not.
         dropped: Frames that it lost because it did not read them in time.
         malformed: Records from it that were no CAN frame.
+        number: Its own, among all that have joined.
     """
 
-    __slots__ = ("_end", "_inbox", "_start", "barrier", "dropped", "malformed", "socket")
+    __slots__ = ("_end", "_inbox", "_start", "barrier", "dropped", "malformed", "number", "socket")
 
-    def __init__(self, socket: FrameSocket) -> None:
+    def __init__(self, socket: FrameSocket, number: int = 0) -> None:
         """Take over the bus's end of a connection."""
+        self.number = number
         self.socket = socket
         self.barrier: int | None = None
         self.dropped = 0

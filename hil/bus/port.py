@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dftc_rt.bus.frame import Frames
+from hil.bus.impairments import Impairments
 from hil.bus.statistics import BusStatistics
 
 
@@ -51,6 +52,14 @@ class BusPort(Protocol):
         Raises:
             BusError: The bus itself has gone away.
         """
+        ...
+
+    def impair(self, impairments: Impairments) -> None:
+        """Let faults of the bus act on its frames from now on."""
+        ...
+
+    def advance(self, t: float) -> None:
+        """Let rig time move on to ``t``, s: faults come and go, late frames arrive."""
         ...
 
     @property

@@ -20,6 +20,11 @@ class BusStatistics:
         malformed: Records from clients that are no CAN frame.
         clients: Clients attached now.
         departed: Clients that have left.
+        lost: Frames that faults of the bus took.
+        errors: Transmissions that faults corrupted; ``exact_bits`` and ``worst_bits`` count them.
+        duplicated: Frames that came twice.
+        delayed: Frames that came late.
+        babbled: Frames of a babbling node.
     """
 
     bitrate: int
@@ -31,6 +36,11 @@ class BusStatistics:
     malformed: int
     clients: int
     departed: int
+    lost: int
+    errors: int
+    duplicated: int
+    delayed: int
+    babbled: int
 
     @property
     def busy_s(self) -> float:

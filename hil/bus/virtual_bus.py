@@ -18,6 +18,7 @@ from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.errors import BusError, InputError
 from hil.bus.arbitration import arbitrate, is_ordered, order_by_identifier
 from hil.bus.client import Client
+from hil.bus.impairments import CONTROLLER, Counts, Impairments
 from hil.bus.statistics import BusStatistics
 
 Timing = Literal["off", "account"]
@@ -26,6 +27,7 @@ _FRAMES: Final = 0  # the columns of the totals
 _NOMINAL: Final = 1
 _EXACT: Final = 2
 _WORST: Final = 3
+_UNBOUNDED: Final = 1 << 30
 
 
 class VirtualBus:
@@ -58,6 +60,8 @@ class VirtualBus:
         self._bitrate = bitrate
         self._account = timing == "account"
         self._clients: list[Client] = []
+        self._joined = 0
+        self._impairments: Impairments | None = None
         self._answer: Client | None = None
         self._barrier_sender = BarrierSender()
         self._totals = np.zeros(4, dtype=np.int64)
@@ -71,10 +75,12 @@ class VirtualBus:
         self._forward = frame_buffer(rows)
         self._nodes = np.zeros(rows, dtype=np.int32)
         self._order = np.zeros(rows, dtype=np.int64)
+        self._senders = np.zeros(0, dtype=np.int32)
 
     def attach(self, socket: FrameSocket) -> None:
         """Make ``socket`` the bus's end of a connection to one more node."""
-        self._clients.append(Client(socket))
+        self._clients.append(Client(socket, self._joined))
+        self._joined += 1
         self.fds_version += 1
 
     def fds(self) -> list[int]:
@@ -86,6 +92,8 @@ class VirtualBus:
 
         See ``BusPort.receive``.
         """
+        if self._impairments is not None:
+            return self._receive_impaired(self._impairments, frames)
         clients = self._clients
         if len(clients) == 1 and clients[0].idle:
             try:
@@ -95,9 +103,24 @@ class VirtualBus:
                 return 0
         else:
             count = self._contend(frames)
+            if count:
+                self._pass_on(frames, count, self._senders)
         if count:
             self._charge(frames, count)
         return count
+
+    def impair(self, impairments: Impairments) -> None:
+        """Let faults of the bus act on its frames from now on."""
+        self._impairments = impairments
+
+    def advance(self, t: float) -> None:
+        """Let rig time move on to ``t``, s: faults come and go, late frames arrive."""
+        impairments = self._impairments
+        if impairments is None:
+            return
+        impairments.advance(t)
+        if impairments.waiting(drives=True):
+            self._send_impaired(impairments, self._staging, 0, self._nodes)
 
     def send(self, frames: Frames, count: int, nodes: NDArray[np.int32] | None = None) -> None:
         """Put the drives' first ``count`` frames on the bus. See ``BusPort.send``."""
@@ -112,6 +135,12 @@ class VirtualBus:
                 arbitrate(frames, nodes, count, self._order)
             np.take(frames, self._order[:count], axis=0, out=self._staging[:count], mode="clip")
             frames = self._staging
+            if nodes is not None:
+                nodes = nodes[self._order[:count]]
+        if self._impairments is not None:
+            senders = np.zeros(count, dtype=np.int32) if nodes is None else nodes
+            self._send_impaired(self._impairments, frames, count, senders)
+            return
         self._charge(frames, count)
         for client in tuple(self._clients):
             self._deliver(client, frames, count)
@@ -155,6 +184,7 @@ class VirtualBus:
     @property
     def statistics(self) -> BusStatistics:
         """What has gone over the bus since it was opened."""
+        done = Counts() if self._impairments is None else self._impairments.counts
         return BusStatistics(
             bitrate=self._bitrate,
             frames=int(self._totals[_FRAMES]),
@@ -165,6 +195,11 @@ class VirtualBus:
             malformed=self._malformed + sum(client.malformed for client in self._clients),
             clients=len(self._clients),
             departed=self._departed,
+            lost=done.lost,
+            errors=done.errors,
+            duplicated=done.duplicated,
+            delayed=done.delayed,
+            babbled=done.babbled,
         )
 
     def close(self) -> None:
@@ -175,7 +210,7 @@ class VirtualBus:
         self.fds_version += 1
 
     def _contend(self, frames: Frames) -> int:
-        """Let the clients' queues contend for ``frames``; pass what wins to the others."""
+        """Let the clients' queues contend for ``frames``; ``_senders`` says whose won."""
         limit = len(frames)
         contenders: list[tuple[Client, Frames]] = []
         for client in tuple(self._clients):
@@ -206,20 +241,55 @@ class VirtualBus:
         senders = self._nodes[won]
         for node, (client, _) in enumerate(contenders):
             client.won(int(np.count_nonzero(senders == node)))
-        self._pass_on(frames, count, [client for client, _ in contenders], senders)
+        numbers = np.array([CONTROLLER - client.number for client, _ in contenders], dtype=np.int32)
+        self._senders = numbers[senders]
         return count
 
-    def _pass_on(
-        self, frames: Frames, count: int, contenders: list[Client], senders: NDArray[np.int32]
-    ) -> None:
+    def _pass_on(self, frames: Frames, count: int, senders: NDArray[np.int32]) -> None:
         """Deliver to every client what others sent."""
         for client in tuple(self._clients):
-            if client not in contenders:
+            own = senders[:count] == CONTROLLER - client.number
+            if not own.any():
                 self._deliver(client, frames, count)
                 continue
-            foreign = frames[:count][senders != contenders.index(client)]
+            foreign = frames[:count][~own]
             self._forward[: len(foreign)] = foreign
             self._deliver(client, self._forward, len(foreign))
+
+    def _receive_impaired(self, impairments: Impairments, frames: Frames) -> int:
+        """What :meth:`receive` does while faults act on the bus."""
+        limit = len(frames)
+        count = self._contend(frames)
+        wasted = impairments.counts.waste_bits
+        through, count, senders = impairments.carry(
+            frames, count, self._senders, limit, drives=False
+        )
+        self._waste(impairments.counts.waste_bits - wasted)
+        frames[:count] = through[:count]
+        if count:
+            self._charge(frames, count)
+            if not impairments.off(CONTROLLER):
+                self._pass_on(frames, count, senders)
+        return count
+
+    def _send_impaired(
+        self, impairments: Impairments, frames: Frames, count: int, nodes: NDArray[np.int32]
+    ) -> None:
+        """What :meth:`send` does while faults act on the bus."""
+        wasted = impairments.counts.waste_bits
+        through, count, _ = impairments.carry(frames, count, nodes, _UNBOUNDED, drives=True)
+        self._waste(impairments.counts.waste_bits - wasted)
+        self._charge(through, count)
+        if impairments.off(CONTROLLER):
+            impairments.counts.lost += count
+            return
+        for client in tuple(self._clients):
+            self._deliver(client, through, count)
+
+    def _waste(self, bits: int) -> None:
+        if self._account:
+            self._totals[_EXACT] += bits
+            self._totals[_WORST] += bits
 
     def _deliver(self, client: Client, frames: Frames, count: int) -> None:
         try:

@@ -94,6 +94,11 @@ class NodeManagement:
                 self.networks[bus].notify(can_id, data, self.now_us * 1e-6)
                 self._plan()
 
+    def sender(self, bus: int, raw: bytes) -> int:
+        """Return whose frame it is, of a bus's outbox: those identifiers end in the node's."""
+        node_id = raw[0] & 0x7F
+        return next(int(d) for d in self.members[bus] if self.specs[d].node_id == node_id)
+
     def _command(self, d: int, command: int) -> None:
         """Obey an NMT command."""
         live = self.objects[d, slots.STATE] == states.OPERATION_ENABLED

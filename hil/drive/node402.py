@@ -17,6 +17,7 @@ Source: CiA 301, CiA 402-2.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,8 @@ from hil.drive.management import NodeManagement
 from hil.drive.spec import DriveSpec
 
 __all__ = ["Cia402Drives", "DriveSpec"]
+
+_CAPACITY: Final = 512  # rows of the largest answer
 
 
 class Cia402Drives:
@@ -41,6 +44,7 @@ class Cia402Drives:
         operation_enabled: View: 1 while operation is enabled, (n,).
         state: View: CiA 402 state, (n,).
         commands: View: target torques actuated so far, (n,).
+        senders: Drive of each row of the last answer, (512,), int32.
     """
 
     def __init__(self, specs: Sequence[DriveSpec], buses: int) -> None:
@@ -63,11 +67,14 @@ class Cia402Drives:
         self.commands = self.objects[:, slots.COMMANDS]
         self.synced = False
         self._sync = [-1] * buses  # counter of a SYNC that is to be answered
+        self.senders = np.zeros(_CAPACITY, dtype=np.int32)
         nothing = np.zeros((1, 16), dtype=np.uint8)
         self.tick(0.0)  # compile now
         for bus in range(buses):
             self.receive(bus, nothing, 0, 0)
-            service.answer(nothing, self._nodes.members[bus][:0], self.objects, self.pdo, -1, 0)
+            service.answer(
+                nothing, self.senders, self._nodes.members[bus][:0], self.objects, self.pdo, -1, 0
+            )
 
     # --- once per service ------------------------------------------------------------
 
@@ -126,11 +133,17 @@ class Cia402Drives:
 
         Args:
             bus: Index of the bus.
-            out: Batch to fill from row 0, (capacity, 16).
+            out: Batch to fill from row 0, (capacity, 16); ``senders`` says whose they are.
         """
         nodes = self._nodes
         code: int = service.answer(
-            out, nodes.members[bus], self.objects, self.pdo, self._sync[bus], nodes.now_us
+            out,
+            self.senders,
+            nodes.members[bus],
+            self.objects,
+            self.pdo,
+            self._sync[bus],
+            nodes.now_us,
         )
         self._sync[bus] = -1
         rows = code & 0xFFFF
@@ -141,6 +154,7 @@ class Cia402Drives:
             taken = min(len(outbox), out.shape[0] - rows)
             for raw in outbox[:taken]:
                 out[rows] = np.frombuffer(raw, dtype=np.uint8)
+                self.senders[rows] = nodes.sender(bus, raw)
                 rows += 1
             del outbox[:taken]
         return rows

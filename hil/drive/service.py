@@ -218,11 +218,14 @@ def _due(row: I64, counter: int) -> bool:
 
 
 @njit(cache=True)
-def answer(out: U8, members: I64, objects: I64, pdo: I64, sync_counter: int, now: int) -> int:
+def answer(
+    out: U8, senders: I32, members: I64, objects: I64, pdo: I64, sync_counter: int, now: int
+) -> int:
     """Write the TPDOs that are due on one bus, in node order.
 
     Args:
         out: Batch to fill from row 0, (capacity, 16).
+        senders: Drive of each row, filled, (>= capacity,).
         members: Drives on this bus, (m,).
         objects: All drives, (n, N_OBJECTS).
         pdo: All PDOs, (n, 8, N_PDO).
@@ -275,5 +278,6 @@ def answer(out: U8, members: I64, objects: I64, pdo: I64, sync_counter: int, now
             row[slots.SENT] = now
             words[rows, 0] = row[slots.COB_ID] | (row[slots.LENGTH] << 32)
             words[rows, 1] = data
+            senders[rows] = d
             rows += 1
     return rows + 65536 * attention
