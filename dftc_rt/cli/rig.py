@@ -96,6 +96,12 @@ def rig(
             "rig_time_s": made.t,
             "steps": made.steps,
             "stalls": made.stalls,
+            "joints": {
+                name: {"q_rad": q, "v_rad_s": v}
+                for name, q, v in zip(
+                    opened.robot.joints, made.plant.q.tolist(), made.plant.v.tolist(), strict=True
+                )
+            },
             "buses": {port.name: msgspec.to_builtins(port.statistics) for port in ports},
         }
         for port in ports:
