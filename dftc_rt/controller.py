@@ -168,13 +168,9 @@ def _tuples(gains: dict[str, Any]) -> dict[str, Any]:
     return {key: tuple(v) if isinstance(v, list) else v for key, v in gains.items()}
 
 
-def check_budget(scenario: Scenario, robot: Robot) -> list[budget.BusLoad]:
-    """Return the load of every bus.
-
-    Raises:
-        InputError: The worst case exceeds what a bus may carry.
-    """
-    loads = [
+def bus_loads(scenario: Scenario, robot: Robot) -> list[budget.BusLoad]:
+    """Return the load of every bus, however large it is."""
+    return [
         budget.bus_load(
             name,
             int(bus_members(robot.joint_config, name).size),
@@ -184,8 +180,25 @@ def check_budget(scenario: Scenario, robot: Robot) -> list[budget.BusLoad]:
         )
         for name in bus_names(robot.joint_config)
     ]
+
+
+def check_budget(scenario: Scenario, robot: Robot) -> list[budget.BusLoad]:
+    """Return the load of every bus.
+
+    Raises:
+        InputError: The worst case exceeds what a bus may carry.
+    """
+    loads = bus_loads(scenario, robot)
     budget.check(loads, scenario.bus.profile)
     return loads
+
+
+def read_budget_s(scenario: Scenario, loads: Sequence[budget.BusLoad]) -> float:
+    """Return how long after the tick the controller waits for answers, s; for all buses."""
+    share = scenario.executor.read_budget
+    if share == "auto":
+        return max(budget.read_budget_s(load) for load in loads)
+    return share / scenario.executor.rate_hz
 
 
 def check_reference(reference: Reference, robot: Robot, duration_s: float) -> None:
@@ -238,14 +251,7 @@ def connect(
         BusError: A bus has gone away.
     """
     robot = parts.robot
-    loads = check_budget(scenario, robot)
-    period = 1.0 / scenario.executor.rate_hz
-    read_budget = scenario.executor.read_budget
-    budget_s = (
-        max(budget.read_budget_s(load) for load in loads)
-        if read_budget == "auto"
-        else read_budget * period
-    )
+    budget_s = read_budget_s(scenario, check_budget(scenario, robot))
     warm_up(scenario, parts)
     chosen = profile(scenario.bus.profile)
     drives = drive_configs(robot.joint_config, robot.torque_constant)

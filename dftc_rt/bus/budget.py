@@ -2,13 +2,18 @@
 
 Per cycle a CiA 402 bus carries SYNC, for each joint a command (RPDO1: control
 word and torque, 4 bytes) and an answer (TPDO1: position and velocity, 8 bytes), one
-measured torque (TPDO3, 2 bytes, the joints in turn), and now and then SDO, heartbeat
+measured torque (TPDO3, 2 bytes, the joints in turn), and now and then SDO, heartbeats
 and EMCY. A configuration whose worst case takes more than 90 % of the period is
 refused.
+
+What comes more rarely than every cycle counts as a share of a frame: the load is that of
+a long run. In a single cycle everything may come due at once; ``busiest_bits`` is that
+cycle, and :mod:`dftc_rt.bus.latency` says how long a frame then waits.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
@@ -20,7 +25,9 @@ WORST_CASE_LIMIT: Final = 0.9  # share of the period
 STATUS_PER_S: Final = 100.0  # per joint, 3 bytes: TPDO2 inhibits itself for 10 ms
 SDO_TRANSFERS_PER_S: Final = 100.0  # per bus; a request and a response of 8 bytes each
 HEARTBEATS_PER_S: Final = 10.0  # per joint, 1 byte
+MASTER_HEARTBEATS_PER_S: Final = 20.0  # the controller's, 1 byte
 EMERGENCIES_PER_S: Final = 10.0  # per joint, 8 bytes
+TORQUE_EVERY: Final = 10  # cycles from one TPDO3 of a drive to its next
 
 Role = Literal["sync", "command", "answer", "status", "reserve"]
 
@@ -34,12 +41,20 @@ class LoadItem:
         role: What it is for; ``answer`` is what the control law waits for.
         data_bytes: Data length, 0 … 8.
         per_cycle: Frames a cycle (a fraction for what comes more rarely).
+        sources: What sends it independently of each other: joints, or 1. From each at most
+            ``per_cycle / sources`` frames a cycle, rounded up.
     """
 
     name: str
     role: Role
     data_bytes: int
     per_cycle: float
+    sources: int = 1
+
+    @property
+    def most(self) -> int:
+        """Frames in the busiest cycle."""
+        return self.sources * math.ceil(self.per_cycle / self.sources - 1e-9)
 
     @property
     def nominal_bits(self) -> float:
@@ -91,6 +106,11 @@ class BusLoad:
         return self.worst_s * self.rate_hz
 
     @property
+    def busiest_bits(self) -> int:
+        """Bits of a cycle in which everything comes due, with the most stuffing."""
+        return sum(item.most * worst_bits(item.data_bytes) for item in self.items)
+
+    @property
     def fits(self) -> bool:
         """Whether the worst case leaves a tenth of the period free."""
         return self.worst <= WORST_CASE_LIMIT
@@ -103,28 +123,37 @@ def cia402_items(joints: int, rate_hz: float) -> tuple[LoadItem, ...]:
         joints: Joints on the bus.
         rate_hz: Cycles per second.
     """
+    turns = math.ceil(joints / TORQUE_EVERY)
+    each = joints / rate_hz
+    sdo = SDO_TRANSFERS_PER_S / rate_hz
     return (
         LoadItem("SYNC with counter", "sync", 1, 1.0),
-        LoadItem("RPDO1 command", "command", 4, float(joints)),
-        LoadItem("TPDO1 position, velocity", "answer", 8, float(joints)),
-        LoadItem("TPDO3 torque", "status", 2, 1.0),
-        LoadItem("TPDO2 statusword, mode", "status", 3, joints * STATUS_PER_S / rate_hz),
-        LoadItem("SDO", "reserve", 8, 2.0 * SDO_TRANSFERS_PER_S / rate_hz),
-        LoadItem("heartbeat", "reserve", 1, joints * HEARTBEATS_PER_S / rate_hz),
-        LoadItem("EMCY", "reserve", 8, joints * EMERGENCIES_PER_S / rate_hz),
+        LoadItem("RPDO1 command", "command", 4, float(joints), joints),
+        LoadItem("TPDO1 position, velocity", "answer", 8, float(joints), joints),
+        LoadItem("TPDO3 torque", "status", 2, float(turns)),
+        LoadItem("TPDO2 statusword, mode", "status", 3, each * STATUS_PER_S, joints),
+        LoadItem("SDO request", "reserve", 8, sdo),
+        LoadItem("SDO response", "reserve", 8, sdo),
+        LoadItem("heartbeat", "reserve", 1, each * HEARTBEATS_PER_S, joints),
+        LoadItem("controller heartbeat", "reserve", 1, MASTER_HEARTBEATS_PER_S / rate_hz),
+        LoadItem("EMCY", "reserve", 8, each * EMERGENCIES_PER_S, joints),
     )
 
 
 def mit_items(joints: int, rate_hz: float) -> tuple[LoadItem, ...]:
     """Return the traffic of a bus of MIT mini-cheetah drives: one command, one answer each.
 
+    Commands go out at the tick, in place of SYNC and in the way of the answers. What
+    switches a drive goes out in place of its command. An answer is 6 bytes, or 8 with
+    temperature and error: which, is the drive's affair, so it counts as 8.
+
     Args:
         joints: Joints on the bus.
         rate_hz: Cycles per second (every frame is cyclic, so it does not matter).
     """
     return (
-        LoadItem("command", "command", 8, float(joints)),
-        LoadItem("answer", "answer", 8, float(joints)),
+        LoadItem("command", "sync", 8, float(joints), joints),
+        LoadItem("answer", "answer", 8, float(joints), joints),
     )
 
 
@@ -213,7 +242,7 @@ def read_budget_s(load: BusLoad) -> float:
 
     The worst-case wire time of SYNC and the answers, behind one more frame of full
     length that may already occupy the wire; but no longer than leaves the commands
-    their own wire time before the next tick.
+    their own wire time before the next tick, and the law a tenth of the period.
 
     Args:
         load: The bus; of several, the slowest decides.
@@ -222,4 +251,8 @@ def read_budget_s(load: BusLoad) -> float:
     for item in load.items:
         bits[item.role] += item.worst_bits
     answers = bits["sync"] + bits["answer"] + worst_bits(8)
-    return min(answers / load.bitrate, 1.0 / load.rate_hz - bits["command"] / load.bitrate)
+    return min(
+        answers / load.bitrate,
+        1.0 / load.rate_hz - bits["command"] / load.bitrate,
+        WORST_CASE_LIMIT / load.rate_hz,
+    )

@@ -24,6 +24,7 @@ def build() -> App:
     from dftc_rt.cli import (
         analyze,
         benchmark,
+        bus,
         calibrate,
         control,
         doctor,
@@ -65,6 +66,7 @@ def build() -> App:
         doctor.doctor,
     ):
         app.command(function)
+    app.command(bus.bus())
     return app
 
 

@@ -41,6 +41,7 @@ REQUIRED: Final = (
 )  # fmt: skip
 
 OPTIONAL: Final = {
+    "cantools": ("dbc", "no DBC files of the traffic (dftc bus dbc)"),
     "matplotlib": ("figures", "no figures as images; reports have theirs all the same"),
     "mujoco": ("bench", "make benchmark has no floor for the plant's speed"),
 }

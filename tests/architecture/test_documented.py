@@ -83,12 +83,22 @@ def test_faults_are_documented() -> None:
 
 def usage() -> dict[str, str]:
     """Return the row of each documented command."""
-    rows = re.findall(r"^\| `dftc (\w+)(.*)$", CONTRACT, re.MULTILINE)
+    groups = "|".join({name.split()[0] for name in COMMANDS if " " in name})
+    rows = re.findall(rf"^\| `dftc ((?:(?:{groups}) )?\w+)(.*)$", CONTRACT, re.MULTILINE)
     assert len(rows) == len(dict(rows))
     return dict(rows)
 
 
-COMMANDS = sorted(name for name in build() if not name.startswith("-"))
+def commands(app: Any, group: str = "") -> list[str]:
+    """Return the names of an application's commands, those of its groups as two words."""
+    found = []
+    for name in app:
+        if not name.startswith("-"):
+            found += commands(app[name], f"{name} ") or [group + name]
+    return sorted(found)
+
+
+COMMANDS = commands(build())
 
 
 def test_commands_are_documented() -> None:
@@ -100,7 +110,7 @@ def test_commands_are_documented() -> None:
 def test_help_has_an_example_and_the_documented_options(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    build()([name, "--help"])
+    build()([*name.split(), "--help"])
     first, _, text = capsys.readouterr().out.strip().partition("\n")
     assert first.startswith(f"Usage: dftc {name}")
     documented = set(re.findall(r"(?<![\w-])--?[a-z][a-z-]*", usage()[name].partition("` |")[0]))

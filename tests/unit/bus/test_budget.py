@@ -24,12 +24,32 @@ def test_the_cyclic_traffic_of_three_joints() -> None:
     # 3 bytes: 47 + 24 + (58 - 1) // 4 = 85 bits, at most 100 times a second and joint.
     assert worst["TPDO2 statusword, mode"] == pytest.approx(3 * 0.1 * 85)
     # 100 SDO transfers a second are 0.2 frames of 135 bits a cycle; 10 heartbeats of 65
-    # bits and 10 EMCY of 135 bits a second and joint are 0.01 frames a cycle each.
-    reserve = 0.2 * 135 + 3 * 0.01 * 65 + 3 * 0.01 * 135
+    # bits and 10 EMCY of 135 bits a second and joint are 0.01 frames a cycle each; the
+    # controller's 20 heartbeats a second are 0.02.
+    reserve = 0.2 * 135 + 3 * 0.01 * 65 + 3 * 0.01 * 135 + 0.02 * 65
     assert load.worst_s == pytest.approx((755 + 75 + 25.5 + reserve) * 1e-6)
-    assert load.worst == pytest.approx(0.8885)
+    assert load.worst == pytest.approx(0.8898)
     nominal = 55 + 3 * 79 + 3 * 111 + 63 + 0.3 * 71 + 0.2 * 111 + 3 * 0.01 * (55 + 111)
+    nominal += 0.02 * 55
     assert load.nominal_s == pytest.approx(nominal * 1e-6)
+
+
+def test_the_busiest_cycle_has_one_of_everything() -> None:
+    # SYNC, a TPDO3, an SDO request and response and the controller's heartbeat, and of each
+    # joint command, answer, status, heartbeat and EMCY.
+    once, each = 65 + 75 + 2 * 135 + 65, 95 + 135 + 85 + 65 + 135
+    assert bus_load("can0", 3, rate_hz=1000.0).busiest_bits == once + 3 * each
+    # At 50 Hz two TPDO2 of a joint fall into a cycle, and two of the 100 SDO transfers.
+    slow = bus_load("can0", 3, rate_hz=50.0)
+    assert slow.busiest_bits == once + 2 * 135 + 3 * (each + 85)
+
+
+def test_more_joints_than_turns_give_two_torques_a_cycle() -> None:
+    torque = {
+        joints: next(i for i in bus_load("can0", joints, rate_hz=200.0).items if "TPDO3" in i.name)
+        for joints in (10, 11)
+    }
+    assert (torque[10].per_cycle, torque[11].per_cycle) == (1.0, 2.0)
 
 
 @pytest.mark.parametrize("joints", [(3, 2, 2), (3, 3)])
@@ -51,7 +71,8 @@ def test_four_joints_on_a_bus_are_refused_with_what_would_do() -> None:
 def test_how_many_buses() -> None:
     assert joints_per_bus(rate_hz=1000.0) == 3
     assert [buses_needed(n, rate_hz=1000.0) for n in (1, 3, 4, 6, 7)] == [1, 1, 2, 2, 3]
-    # 2 ms: 65 + 75 + 6 · 230 + 54 (SDO) + 6 · (17 + 4) = 1700 bits of 1800; a seventh: 1951.
+    # 2 ms: 65 + 75 + 6 · 230 + 54 (SDO) + 3 (controller's heartbeat) + 6 · (17 + 4) = 1703 bits
+    # of 1800; a seventh: 1954.
     assert joints_per_bus(rate_hz=500.0) == 6
     with pytest.raises(InputError, match="not even one joint"):
         buses_needed(1, rate_hz=4000.0)
