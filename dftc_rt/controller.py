@@ -26,8 +26,8 @@ from dftc_rt.control import laws, signals
 from dftc_rt.control.dftc import Dftc
 from dftc_rt.control.interface import Law
 from dftc_rt.drives.interface import DriveSetup, SetUp, profile
-from dftc_rt.drives.scale import MAX_COUNTS, TORQUE_PER_COUNT, ScaleTable
-from dftc_rt.drives.wiring import bus_members, bus_names, drive_configs, joint_scales
+from dftc_rt.drives.scale import ScaleTable, torque_grid
+from dftc_rt.drives.wiring import bus_members, bus_names, robot_drives
 from dftc_rt.dynamics.calibrated import calibrated
 from dftc_rt.dynamics.interface import JointTerms
 from dftc_rt.dynamics.model import Robot
@@ -99,12 +99,8 @@ def prepare(
         identification = load_identification(where)
     if identification is not None:
         gains |= _identified(scenario, robot, identification, calibration, where)
-    scales = ScaleTable.of(joint_scales(robot.joint_config, robot.torque_constant))
-    resolution = np.abs(scales.values[TORQUE_PER_COUNT])
-    counts = np.minimum(
-        np.floor(robot.torque_limit / resolution * (1 + 1e-12)), scales.values[MAX_COUNTS]
-    )
-    limit = counts * resolution
+    scales = [drive.scale for drive in robot_drives(robot, scenario.bus)]
+    resolution, limit = torque_grid(scales, robot.torque_limit)
     if control.local_terms == "tabulated":
         refuse_closed_form(robot)
     law = laws.build(
@@ -134,7 +130,7 @@ def prepare(
     reference = Reference(scenario.reference, robot.home)
     check_reference(reference, robot, scenario.duration_s)
     terms = local_terms(robot, control.interconnection)
-    return Parts(robot, law, reference, terms, scales, limit)
+    return Parts(robot, law, reference, terms, ScaleTable.of(scales), limit)
 
 
 def _identified(
@@ -254,7 +250,7 @@ def connect(
     budget_s = read_budget_s(scenario, check_budget(scenario, robot))
     warm_up(scenario, parts)
     chosen = profile(scenario.bus.profile)
-    drives = drive_configs(robot.joint_config, robot.torque_constant)
+    drives = robot_drives(robot, scenario.bus)
     rate = scenario.executor.rate_hz
     setup = chosen.setup(sockets, drives, rate)
     try:
@@ -281,7 +277,7 @@ def _assemble(
 ) -> Executor:
     """Put the executor together around drives that are switched on, not enabled."""
     robot, rate = parts.robot, scenario.executor.rate_hz
-    drives = drive_configs(robot.joint_config, robot.torque_constant)
+    drives = robot_drives(robot, scenario.bus)
     chosen = profile(scenario.bus.profile)
 
     def report(source: str, text: str) -> None:
@@ -329,11 +325,11 @@ def _tabulate(scenario: Scenario, parts: Parts) -> TabulatedTerms | None:
 def warm_up(scenario: Scenario, parts: Parts) -> None:
     """Call everything the loop calls once, so that nothing compiles or loads in it."""
     robot, n = parts.robot, parts.robot.n
-    drives = drive_configs(robot.joint_config, robot.torque_constant)
+    drives = robot_drives(robot, scenario.bus)
     pairs = [in_process_link(name) for name in bus_names(robot.joint_config)]
     cycle = profile(scenario.bus.profile).cycle(drives, len(pairs), scenario.executor.rate_hz)
     link = DriveLink([near for near, _ in pairs], cycle, FakeClock(), 0.0, lambda *_: None)
-    link.start(SetUp(np.zeros(n, dtype=np.int64), parts.scales.position_counts(robot.home)))
+    link.start(SetUp(np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)))
     feedback = frame_buffer(1)
     for bus, (_, far) in enumerate(pairs):
         node = next(drive.node_id for drive in drives if drive.bus == bus)

@@ -3,7 +3,7 @@
 One step is one control period of the plant, then one latch of all drives. In lock-step a
 step ends when every bus has seen the controller's barrier, and several SYNCs of one cycle
 (one a bus) are one step. In wall time the plant is integrated up to the moment of SYNC, to
-the nearest substep.
+the nearest substep. For drives without SYNC the first command of a cycle takes its place.
 """
 
 from __future__ import annotations
@@ -17,13 +17,12 @@ from numpy.typing import NDArray
 
 from dftc_rt.bus.frame import frame_buffer
 from dftc_rt.config.scenario import Scenario
-from dftc_rt.drives.scale import ScaleTable
-from dftc_rt.drives.wiring import bus_names, joint_scales
+from dftc_rt.drives.wiring import bus_names
 from dftc_rt.dynamics.model import Robot
 from dftc_rt.errors import InputError
 from hil.bus.impairments import Impairments, of_bus
 from hil.bus.port import BusPort
-from hil.drive.node402 import Cia402Drives, DriveSpec
+from hil.drive.select import emulated_drives
 from hil.drive.sensors import Sensors, torque_commands
 from hil.faults import compile_faults
 from hil.plants.closed_form import refuse_additions
@@ -110,22 +109,14 @@ class Rig:
         """
         n = robot.n
         names = bus_names(robot.joint_config)
-        scales = joint_scales(robot.joint_config)
-        table = ScaleTable.of(scales)
-        self._scale = table.values
         self._period = 1.0 / scenario.executor.rate_hz
         self._substeps = scenario.rig.plant.substeps
         faults = compile_faults(scenario.fault, robot.joints)
         self.plant = RigidBodyPlant(
             robot, scenario.rig.plant, scenario.rig.drive, faults, self._period, q0, v0
         )
-        self.drives = Cia402Drives(
-            [
-                DriveSpec(j.node_id, names.index(j.bus), scale, scenario.rig.drive.watchdog_s)
-                for j, scale in zip(robot.joint_config, scales, strict=True)
-            ],
-            len(names),
-        )
+        self.drives, table = emulated_drives(scenario, robot)
+        self._scale = table.values
         self._sensors = Sensors(scenario.rig.drive, table, scenario.seed, n)
         self._sensors.preset(self.plant.q, self.drives.objects)
         self.ports = list(ports)
@@ -137,6 +128,7 @@ class Rig:
         self._inbox = frame_buffer(_CAPACITY)
         self._out = frame_buffer(_CAPACITY)
         self._synced = [False] * len(names)
+        self._switched = False  # in lock-step, since the last barrier
         self._last_commands = np.zeros(n, dtype=np.int64)
         self._age = np.zeros(n)
         self.steps = 0
@@ -171,13 +163,14 @@ class Rig:
             if not port.barrier_pending:
                 return
         cycles = [port.pop_barrier() for port in self.ports]
-        if any(self._synced):
+        if any(self._synced) or (self._switched and self.steps):
             if self.steps:
                 self.plant.advance(self._substeps)
             self._latch()
             for bus, port in enumerate(self.ports):
                 self._answer(bus, port)
                 self._synced[bus] = False
+        self._switched = False
         for port, cycle in zip(self.ports, cycles, strict=True):
             port.send_barrier(cycle or 0)
 
@@ -199,7 +192,7 @@ class Rig:
             row = 0
             while row < count:
                 row = self.drives.receive(bus, self._inbox, row, count)
-                synced = synced or self.drives.synced
+                synced = synced or self.drives.synced or (self.steps > 0 and self.drives.switched)
         if synced:
             if not self.steps or now - self._last_step > 0.5 * self._period * NS:
                 self._step_wall(now)
@@ -270,6 +263,7 @@ class Rig:
             row = self.drives.receive(bus, self._inbox, row, count)
             if self.drives.synced:
                 self._synced[bus] = True
+            self._switched = self._switched or self.drives.switched
         if count and not self._synced[bus]:
             self._answer(bus, port)
 

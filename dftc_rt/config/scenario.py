@@ -72,14 +72,28 @@ class ExecutorTable(Strict, frozen=True):
     read_budget: Literal["auto"] | Annotated[float, Meta(gt=0, le=1)] = "auto"
 
 
+class MitTable(Strict, frozen=True):
+    """``[bus.mit]``: MIT drives on the wire; a range left out follows from the limits."""
+
+    p_max_rad: Positives | None = None
+    v_max_rad_s: Positives | None = None
+    t_max_nm: Positives | None = None
+    kp_max: Positives = 500.0
+    kd_max: Positives = 5.0
+    position_wraps: bool = False
+    host_id: Annotated[int, Meta(ge=0, le=0x7FF)] = 0
+    answer_bytes: Literal[6, 8] = 6
+
+
 class BusTable(Strict, frozen=True):
     """``[bus]``: how frames travel."""
 
     interface: Literal["auto", "vcan", "unix", "inprocess"] = "auto"
     timing: Literal["off", "account"] = "account"
-    profile: Literal["cia402"] = "cia402"
+    profile: Literal["cia402", "mit"] = "cia402"
     bitrate: Annotated[int, Meta(ge=10_000, le=1_000_000)] = 1_000_000
     data_bitrate: Annotated[int, Meta(ge=10_000, le=8_000_000)] = 5_000_000
+    mit: MitTable = MitTable()
 
 
 class SupervisorTable(Strict, frozen=True):

@@ -138,7 +138,10 @@ class Profile:
     cycle: Callable[[Sequence[DriveConfig], int, float], DriveCycle]
 
 
-PROFILES: Final = {"cia402": "dftc_rt.drives.cia402.profile"}
+PROFILES: Final = {
+    "cia402": "dftc_rt.drives.cia402.profile",
+    "mit": "dftc_rt.drives.mit.profile",
+}
 """Name -> module that holds its ``PROFILE``."""
 
 

@@ -20,7 +20,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 from numba import njit
@@ -58,7 +58,10 @@ class JointScale:
         max_torque_nm: Largest torque to be commanded, Nm (6072h).
         torque_constant: True over nominal torque constant, from a calibration: a command of
             the nominal torque delivers this much of it. The drive's own objects stay nominal.
+        every_count: Whether each whole count can be commanded; if not, odd ones alone.
     """
+
+    every_count: ClassVar[bool] = True
 
     joint: str
     counts_per_rev: int
@@ -89,6 +92,11 @@ class JointScale:
                 f"{self.max_torque_nm} Nm is {self.max_counts} per mille of rated torque",
                 f"1 to {_INT16_MAX}",
             )
+
+    @property
+    def torque_per_count(self) -> float:
+        """True torque of one count, Nm (N)."""
+        return self.rated_torque_nm * self.torque_constant / 1000.0
 
     @property
     def max_counts(self) -> int:
@@ -124,9 +132,7 @@ class ScaleTable:
         for i, joint in enumerate(joints):
             values[RAD_PER_COUNT, i] = joint.sign * math.tau / (joint.counts_per_rev * joint.gear)
             values[ZERO_OFFSET, i] = joint.zero_offset_rad
-            values[TORQUE_PER_COUNT, i] = (
-                joint.sign * joint.rated_torque_nm * joint.torque_constant / 1000.0
-            )
+            values[TORQUE_PER_COUNT, i] = joint.sign * joint.torque_per_count
             values[MAX_COUNTS, i] = joint.max_counts
         return cls(values)
 
@@ -149,6 +155,25 @@ class ScaleTable:
         """Return what encoders show at joint positions, (n,), rad, before int32 wraps it."""
         counts = np.rint((q + self.values[ZERO_OFFSET]) / self.values[RAD_PER_COUNT])
         return np.asarray(counts, dtype=np.int64)
+
+
+def torque_grid(scales: Sequence[JointScale], limit: F64) -> tuple[F64, F64]:
+    """Return what a law must know of the torques that the drives can be told.
+
+    Args:
+        scales: The drives, in joint order.
+        limit: Largest torque of each joint, (n,), Nm.
+
+    Returns:
+        Steps that a law may round to, (n,), Nm, 0 where a drive has no code for zero and so
+        rounds by itself; and the largest torque that can be commanded, (n,), Nm.
+    """
+    values = ScaleTable.of(scales).values
+    step = np.abs(values[TORQUE_PER_COUNT])
+    counts = np.minimum(np.floor(limit / step * (1 + 1e-12)), values[MAX_COUNTS])
+    every = np.array([scale.every_count for scale in scales])
+    counts = np.where(every, counts, counts - (counts + 1.0) % 2.0)
+    return np.where(every, step, 0.0), counts * step
 
 
 @njit(cache=True)

@@ -3,13 +3,59 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dftc_rt.config.robot import JointConfig
+from dftc_rt.config.scenario import BusTable
 from dftc_rt.drives.interface import DriveConfig
+from dftc_rt.drives.mit.scale import mit_scales
 from dftc_rt.drives.scale import JointScale
+
+F64 = NDArray[np.float64]
+
+
+class Wired(Protocol):
+    """What of a robot its drives follow from."""
+
+    @property
+    def joint_config(self) -> tuple[JointConfig, ...]:
+        """Drive of each joint, as the robot file has it."""
+        ...
+
+    @property
+    def lower(self) -> F64:
+        """Lower position limits, (n,), rad (m)."""
+        ...
+
+    @property
+    def upper(self) -> F64:
+        """Upper position limits, (n,), rad (m)."""
+        ...
+
+    @property
+    def torque_constant(self) -> tuple[float, ...] | None:
+        """True over nominal torque constant, (n,); None: 1."""
+        ...
+
+
+def robot_drives(robot: Wired, bus: BusTable) -> list[DriveConfig]:
+    """Return the drives of a robot as the profile of ``[bus]`` needs them, in joint order.
+
+    Args:
+        robot: The robot.
+        bus: The scenario's ``[bus]``.
+
+    Raises:
+        InputError: A value is out of what the drive can express.
+    """
+    joints, constant = robot.joint_config, robot.torque_constant
+    if bus.profile == "mit":
+        scales = mit_scales(joints, bus.mit, robot.lower, robot.upper, constant)
+        return _wire(joints, scales)
+    return drive_configs(joints, constant)
 
 
 def joint_scales(
@@ -51,10 +97,15 @@ def drive_configs(
     Raises:
         InputError: A value is out of what the drive can express.
     """
+    return _wire(joints, joint_scales(joints, torque_constant))
+
+
+def _wire(joints: Sequence[JointConfig], scales: Sequence[JointScale]) -> list[DriveConfig]:
+    """Put each drive on its bus."""
     names = bus_names(joints)
     return [
         DriveConfig(j.node_id, names.index(j.bus), scale)
-        for j, scale in zip(joints, joint_scales(joints, torque_constant), strict=True)
+        for j, scale in zip(joints, scales, strict=True)
     ]
 
 

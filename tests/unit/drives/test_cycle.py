@@ -153,7 +153,7 @@ def test_sync_counter_runs_from_1_to_240() -> None:
 
 def test_registry() -> None:
     assert profile("cia402").cycle is Cia402Cycle
-    with pytest.raises(InputError, match=r"^bus\.profile: 'profibus' \(expected cia402\)"):
+    with pytest.raises(InputError, match=r"^bus\.profile: 'profibus' \(expected cia402 or mit\)"):
         profile("profibus")
 
 

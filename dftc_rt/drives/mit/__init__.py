@@ -1,0 +1,1 @@
+"""MIT mini-cheetah protocol over classical CAN: torque by the feed-forward field alone."""
