@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import stat
 import time
+from collections import deque
 from collections.abc import Sequence
 from typing import Any
 
@@ -76,6 +77,7 @@ class DftcBus(can.BusABC):
         channel: str = "can0",
         can_filters: Sequence[can.typechecking.CanFilter] | None = None,
         bus_dir: str | os.PathLike[str] | None = None,
+        receive_own_messages: bool = False,
         **kwargs: Any,
     ) -> None:
         """Join a bus that a rig has open.
@@ -84,6 +86,7 @@ class DftcBus(can.BusABC):
             channel: Logical bus name.
             can_filters: As for every python-can bus; applied on this side.
             bus_dir: Directory of the buses; by default found as the commands find it.
+            receive_own_messages: Also receive what this node sends, once it is sent.
             **kwargs: Passed on to ``can.BusABC``.
 
         Raises:
@@ -100,6 +103,7 @@ class DftcBus(can.BusABC):
         self._tx = frame_buffer(1)
         self._rx = frame_buffer(1)
         self._waiter = Waiter([self._node.fd])
+        self._own: deque[can.Message] | None = deque() if receive_own_messages else None
         super().__init__(channel=channel, can_filters=can_filters, **kwargs)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
@@ -122,8 +126,14 @@ class DftcBus(can.BusABC):
                 time.sleep(_ROOM_RETRY_S)
         except BusError as error:
             raise can.CanOperationError(str(error)) from error
+        if self._own is not None:
+            own = to_message(self._tx, 0, self.channel, time.time())
+            own.is_rx = False
+            self._own.append(own)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        if self._own:
+            return self._own.popleft(), False
         try:
             if not self._node.receive(self._rx):
                 if timeout == 0.0:

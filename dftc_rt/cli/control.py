@@ -17,6 +17,7 @@ from dftc_rt.bus import unix
 from dftc_rt.bus.directory import check_directory, resolve_directory
 from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.bus.link_kind import link_kind
+from dftc_rt.bus.python_can_socket import open_python_can
 from dftc_rt.bus.select import vcan_name
 from dftc_rt.bus.socketcan import SocketCanSocket
 from dftc_rt.cli import session
@@ -32,7 +33,9 @@ from dftc_rt.cli.status import Status
 from dftc_rt.drives.wiring import bus_names
 from dftc_rt.errors import BusError, DriveError, EnvironmentLacksError, InputError
 
-_EXPECTED = "unix, vcan, or socketcan:can0,can1,… with one interface a bus"
+_EXPECTED = (
+    "unix, vcan, socketcan:can0,can1,… or python-can:INTERFACE:CHANNEL,CHANNEL,…, one for each bus"
+)
 
 
 def control(
@@ -55,8 +58,9 @@ def control(
     Args:
         scenario: Scenario file, or the name of a shipped one; its [rig] and faults are
             the rig's affair and unused here.
-        bus: unix, vcan, or socketcan:can0,can1,… with one interface for each of the
-            robot's buses, in their order. There is no default.
+        bus: unix, vcan, socketcan:can0,can1,… with one interface for each of the robot's
+            buses, in their order, or python-can:INTERFACE:CHANNEL,CHANNEL,… for adapters
+            that have no SocketCAN driver. There is no default.
         bus_dir: Directory of the user-space buses; default as for ``dftc rig``.
         lockstep: Pace by barriers; the rig must run in lock-step too.
         log: MCAP file to write; default: logs/SCENARIO-TIME.mcap.
@@ -72,7 +76,7 @@ def control(
         EnvironmentLacksError: The machine lacks what was asked for.
     """
     opened = session.open_session(scenario, set_)
-    if bus.startswith("socketcan:") and opened.scenario.control.law == "oracle":
+    if bus.startswith(("socketcan:", "python-can:")) and opened.scenario.control.law == "oracle":
         # It would raise the torque of a healthy joint to make up for a fault that is not there.
         raise InputError("control.law", "oracle on real drives", "a law that nobody tells faults")
     join = functools.partial(_join, opened, scenario, bus, bus_dir)
@@ -126,13 +130,9 @@ def _join(
                     f"ip link add {interface} type vcan && ip link set {interface} up, as root",
                 )
     elif bus.startswith("socketcan:"):
-        interfaces = bus.removeprefix("socketcan:").split(",")
-        if len(interfaces) != len(names) or not all(interfaces):
-            raise InputError(
-                "--bus",
-                f"'{bus}' names {len(interfaces)} interfaces",
-                f"{len(names)}, for {', '.join(names)}",
-            )
+        interfaces = _one_each(bus, bus.removeprefix("socketcan:"), names)
+    elif bus.startswith("python-can:"):
+        return _join_python_can(opened, bus, names)
     else:
         raise InputError("--bus", f"'{bus}'", _EXPECTED)
     try:
@@ -142,6 +142,33 @@ def _join(
         raise EnvironmentLacksError(
             str(error), f"ip -br link shows what there is; ip link set NAME up{kind}, as root"
         ) from None
+
+
+def _one_each(bus: str, given: str, names: Sequence[str]) -> list[str]:
+    """Split a list of interfaces or channels that has to have one for each bus."""
+    found = given.split(",")
+    if len(found) != len(names) or not all(found):
+        what, expected = f"'{bus}' names {len(found)}", f"{len(names)}, for {', '.join(names)}"
+        raise InputError("--bus", what, expected)
+    return found
+
+
+def _join_python_can(opened: Session, bus: str, names: Sequence[str]) -> list[FrameSocket]:
+    """Open every bus through python-can."""
+    interface, colon, channels = bus.removeprefix("python-can:").partition(":")
+    if not interface or not colon:
+        raise InputError("--bus", f"'{bus}'", "python-can:INTERFACE:CHANNEL,CHANNEL,…")
+    sockets: list[FrameSocket] = []
+    try:
+        for name, channel in zip(names, _one_each(bus, channels, names), strict=True):
+            sockets.append(open_python_can(name, interface, channel, opened.scenario.bus.bitrate))
+    except BusError as error:
+        for socket in sockets:
+            socket.close()
+        raise EnvironmentLacksError(
+            str(error), "is the adapter plugged in, and its driver there?"
+        ) from None
+    return sockets
 
 
 def _join_rig(names: Sequence[str], directory: Path, scenario: str | Path) -> list[FrameSocket]:

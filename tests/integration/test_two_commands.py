@@ -58,6 +58,45 @@ def test_end_to_end_twice(rig: Started, mode: tuple[str, ...], tmp_path: Path) -
     assert not (tmp_path / "bus" / "can0").exists()
 
 
+def test_a_controller_on_a_python_can_interface(
+    rig: Started, mode: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The user-space bus through python-can's plug-in, as an adapter would be reached."""
+    monkeypatch.setenv("DFTC_BUS_DIR", str(tmp_path / "bus"))
+    buses = ("--bus", "python-can:dftc:can0,can1")
+    log = tmp_path / "log.mcap"
+    for _ in range(ATTEMPTS):
+        done = dftc("control", *SCENARIO, *buses, "--log", log, "--no-report", "--json", *mode)
+        if done.returncode == 0 or mode or not stalled(log):
+            break
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["end_state"] == "done"
+    logged = read(log)
+    running = logged.cycle["state"] == 3.0
+    assert running.sum() >= 900
+    assert np.abs((logged.cycle["q"] - logged.cycle["qd"])[running]).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("bus", "code", "said"),
+    [
+        ("python-can:dftc:can0", 2, "names 1 (expected 2, for can0, can1)"),
+        ("python-can:dftc", 2, "expected python-can:INTERFACE:CHANNEL"),
+        ("python-can:teleport:a,b", 3, "python-can has no interface teleport"),
+        ("python-can:dftc:can0,can1", 3, "no rig has this bus open"),
+    ],
+)
+def test_a_python_can_interface_that_cannot_be(
+    bus: str, code: int, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "none").mkdir(mode=0o700)
+    monkeypatch.setenv("DFTC_BUS_DIR", str(tmp_path / "none"))
+    done = dftc("control", *SCENARIO, "--bus", bus, "--no-report")
+    assert done.returncode == code, done.stderr
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 @pytest.mark.parametrize("mode", [("--lockstep",)], ids=["lockstep"])
 def test_directory_in_use_is_refused_with_its_owner(
     rig: Started, mode: tuple[str, ...], tmp_path: Path

@@ -10,12 +10,14 @@ from pathlib import Path
 
 import can
 import pytest
+from can.interfaces.virtual import VirtualBus
 
 from dftc_rt.bus.directory import BusDirectory
-from dftc_rt.bus.frame import EFF_FLAG, RTR_FLAG, frame_buffer
+from dftc_rt.bus.frame import EFF_FLAG, RTR_FLAG, Frames, frame_buffer
 from dftc_rt.bus.python_can import DftcBus
 from dftc_rt.bus.python_can_socket import PythonCanSocket, open_python_can
 from dftc_rt.bus.unix import connect
+from dftc_rt.bus.wait import wait
 from dftc_rt.errors import BusError, EnvironmentLacksError
 from hil.bus.unix import UnixPort, listen
 from tests.conformance.bus_transports import batch, collect, collect_node, contents
@@ -105,24 +107,45 @@ def test_a_python_can_interface_is_a_socket(tmp_path: Path) -> None:
         assert node.send(batch(SENT), 3) == 3
         for message in MESSAGES:
             assert same(other.recv(timeout=60.0), message)
+        assert not wait([node], 0.0)
         for message in MESSAGES:
             other.send(message)
         frames = frame_buffer(2)
-        assert node.receive(frames) == 2
-        assert contents(frames, 2) == SENT[:2]
-        assert node.receive(frames) == 1
-        assert contents(frames, 1) == SENT[2:]
+        assert received(node, frames, 3) == SENT
         assert node.receive(frames) == 0
+        assert not wait([node], 0.0)
         other.send(can.Message(is_error_frame=True))
+        other.send(can.Message(arbitration_id=0x5, is_fd=True))
         other.send(MESSAGES[0])
-        assert node.receive(frames) == 1
-        assert contents(frames, 1) == SENT[:1]
+        assert received(node, frames, 1) == SENT[:1]
     node.close()
     node.close()
     with pytest.raises(BusError):
         node.send(batch(SENT), 3)
     with pytest.raises(BusError):
         node.receive(frames)
+
+
+def received(node: PythonCanSocket, frames: Frames, expected: int) -> list[tuple[int, bytes]]:
+    """Frames as they come: the virtual interface has no descriptor, a thread reads it."""
+    found: list[tuple[int, bytes]] = []
+    while len(found) < expected:
+        assert wait([node], 10.0)
+        count = node.receive(frames)
+        found += contents(frames, count)
+    return found
+
+
+def test_a_reader_passes_on_that_the_bus_has_gone() -> None:
+    class Unplugged(VirtualBus):
+        def recv(self, timeout: float | None = None) -> can.Message | None:
+            raise can.CanOperationError("unplugged")
+
+    node = PythonCanSocket("can0", Unplugged("bus-that-goes"))
+    assert wait([node], 10.0)
+    with pytest.raises(BusError, match="unplugged"):
+        node.receive(frame_buffer(2))
+    node.close()
 
 
 def test_an_interface_that_python_can_does_not_know() -> None:
