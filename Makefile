@@ -16,6 +16,9 @@ SCENARIO ?= hil/scenarios/panda_shoulder_loss.toml
 DEMO_ARGS ?=
 # e.g. make test PYTEST_ARGS='-k bus'
 PYTEST_ARGS ?=
+# What only computes runs two at a time; what runs processes in real time has the machine to itself.
+COMPUTING := tests/paper tests/property $(addprefix tests/unit/,analysis benchmark calibration config \
+  control dynamics identification)
 
 .DEFAULT_GOAL := help
 .PHONY: help install dev demo test test-vcan lint format benchmark examples wheel constraints clean
@@ -43,7 +46,12 @@ demo: $(VENV)/.installed ## Run the demo; ends with a summary, names its log and
 	$(BIN)/dftc hil $(SCENARIO) $(DEMO_ARGS)
 
 test: $(VENV)/.installed-dev ## Run the test suite
+ifeq ($(strip $(PYTEST_ARGS)),)
+	$(BIN)/python -m pytest -n 2 --dist loadfile -p no:benchmark --durations=5 $(COMPUTING)
+	$(BIN)/python -m pytest --durations=5 $(addprefix --ignore=,$(COMPUTING))
+else
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
+endif
 
 test-vcan: $(VENV)/.installed-dev ## Run the tests marked vcan in a User-Mode Linux kernel
 	tests/uml/run.sh
