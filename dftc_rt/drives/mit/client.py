@@ -78,9 +78,6 @@ class MitClient:
         n = len(self._drives)
         at_rest = int(states.STATE_BITS[states.SWITCHED_ON])
         found = SetUp(np.full(n, at_rest, dtype=np.int64), np.zeros(n, dtype=np.int64))
-        for socket in self._sockets:
-            while socket.receive(self._in):
-                pass  # what a loop before this one left
         for i in range(n):
             answer = self._leave(i)
             if len(answer) >= codec.LONG_ANSWER and answer[7]:
@@ -112,6 +109,8 @@ class MitClient:
             BusError: The bus has gone away, or takes no frame.
         """
         drive, socket = self._drives[i], self._sockets[self._drives[i].bus]
+        while socket.receive(self._in):
+            pass  # what a loop before has left is no answer to this
         codec.encode_special(self._out, 0, drive.node_id, codec.LEAVE)
         deadline = time.monotonic() + self._timeout_s
         while socket.send(self._out, 1) == 0:

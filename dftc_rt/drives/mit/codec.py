@@ -62,7 +62,8 @@ W_ASKED: Final = 3  # what the drive was sent last: TORQUE, ENTER or LEAVE; set 
 W_AFTER: Final = 4  # statusword once it has answered ENTER or LEAVE; set by the caller
 W_ERROR: Final = 5  # error code of the last long answer
 W_TEMPERATURE: Final = 6  # temperature of the last long answer, as sent
-W_ROWS: Final = 7
+W_LEFT: Final = 7  # answers since LEAVE was first sent
+W_ROWS: Final = 8
 
 _FAULT: Final = int(states.STATE_BITS[states.FAULT])
 
@@ -269,7 +270,9 @@ def decode_answers(
         values[F_Q, i] = position_of(code, wire, i)
         values[F_V, i] = sign * _middle(v, wire[V_MAX, i])
         values[F_TORQUE, i] = sign * wire[TORQUE_CONSTANT, i] * _middle(t, wire[T_MAX, i])
-        if words[W_ASKED, i] != TORQUE:
+        # The first answer after LEAVE may be a late one to the torque before it.
+        words[W_LEFT, i] = words[W_LEFT, i] + 1 if words[W_ASKED, i] == LEAVE else 0
+        if words[W_ASKED, i] == ENTER or words[W_LEFT, i] > 1:
             words[W_STATUS, i] = words[W_AFTER, i]
         if length >= LONG_ANSWER:
             words[W_TEMPERATURE, i] = data[6]

@@ -126,6 +126,23 @@ def test_the_answer_to_a_special_frame_is_the_new_state() -> None:
     assert words[codec.W_STATUS].tolist() == [ENABLED, READY, READY]
 
 
+def test_the_first_answer_after_leave_may_be_a_late_one() -> None:
+    words = np.zeros((codec.W_ROWS, 3), dtype=np.int64)
+    words[codec.W_STATUS] = ENABLED
+    words[codec.W_AFTER] = READY
+    words[codec.W_ASKED] = codec.LEAVE
+    answer = (0, bytes([1, 0x80, 0, 0x80, 0, 0]))
+    decode(answer, words=words)
+    assert words[codec.W_STATUS, 0] == ENABLED
+    decode(answer, words=words)
+    assert words[codec.W_STATUS].tolist() == [READY, ENABLED, ENABLED]
+    words[codec.W_STATUS, 0], words[codec.W_ASKED] = ENABLED, codec.TORQUE
+    decode(answer, words=words)  # counts anew from here on
+    words[codec.W_ASKED] = codec.LEAVE
+    decode(answer, words=words)
+    assert words[codec.W_STATUS, 0] == ENABLED
+
+
 @pytest.mark.parametrize(
     ("can_id", "data", "mark"),
     [

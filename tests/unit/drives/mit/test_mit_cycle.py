@@ -132,6 +132,8 @@ def test_stop_leaves_motor_mode_and_stays_out_of_it() -> None:
     assert set(loop.sent[-1].values()) == {LEAVE}
     assert not loop.drives.operation_enabled.any()
     assert not loop.drives.command.any()
+    assert [states.state_of(s) for s in loop.cycle.status] == [states.OPERATION_ENABLED] * 4
+    loop.step([1.0] * 4)  # answered for the second time
     assert [states.state_of(s) for s in loop.cycle.status] == [states.SWITCH_ON_DISABLED] * 4
     loop.cycle.goal = GOAL_OPERATE
     for _ in range(5):
