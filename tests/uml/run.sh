@@ -1,7 +1,7 @@
 #!/bin/sh
 # Run the tests marked vcan in a User-Mode Linux kernel: a kernel with AF_CAN and vcan as
 # an ordinary process, whatever the host's kernel has. Needs the Debian packages
-# user-mode-linux, kmod and iproute2, and root (the links are made inside).
+# user-mode-linux, kmod, iproute2 and can-utils, and root (the links are made inside).
 #
 #   tests/uml/run.sh [pytest arguments]      default: tests
 #
@@ -19,8 +19,8 @@ lacks() {
   exit 3
 }
 kernel=$(command -v linux.uml) || lacks "no linux.uml; apt-get install user-mode-linux kmod iproute2"
-for tool in timeout ip insmod; do
-  command -v "$tool" >/dev/null || lacks "no $tool; apt-get install coreutils kmod iproute2"
+for tool in timeout ip insmod candump; do
+  command -v "$tool" >/dev/null || lacks "no $tool; apt-get install coreutils kmod iproute2 can-utils"
 done
 command -v "$python" >/dev/null || lacks "no Python at $python; make dev, or set PYTHON"
 python=$(command -v "$python")

@@ -1,0 +1,209 @@
+"""``dftc bus``: tables, JSON, refusals."""
+
+from __future__ import annotations
+
+import json
+import socket
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dftc_rt.cli import bus_links
+from dftc_rt.cli.main import run
+from dftc_rt.errors import EnvironmentLacksError
+
+Lines = pytest.CaptureFixture[str]
+PANDA = "panda_shoulder_loss"
+BARE = """name = "bare"
+[robot]
+urdf = "ur_description/urdf/ur5_robot.urdf"
+"""
+
+
+def has_socketcan() -> bool:
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except OSError:
+        return False
+    return True
+
+
+def answer(capfd: Lines, *arguments: str, code: int = 0) -> tuple[Any, str]:
+    """Run a command; return what it printed as JSON, and stderr."""
+    assert run([*arguments, "--json"]) == code
+    out, err = capfd.readouterr()
+    assert out.count("\n") == 1
+    return json.loads(out), err
+
+
+def test_budget_of_a_robot(capfd: Lines) -> None:
+    found, err = answer(capfd, "bus", "budget", PANDA)
+    assert err == ""
+    assert (found["robot"], found["fits"], found["buses_needed"]) == ("panda", True, 3)
+    assert found["read_budget_us"] == pytest.approx(605)
+    names = [(bus["name"], len(bus["joints"])) for bus in found["buses"]]
+    assert names == [("can0", 3), ("can1", 2), ("can2", 2)]
+    first = found["buses"][0]
+    assert first["worst"] == pytest.approx(0.8898)
+    assert first["worst_bits"] == pytest.approx(889.8)
+    assert first["period_bits"] == 1000
+    frames = {frame["name"]: frame for frame in first["frames"]}
+    answers = frames["TPDO1 position, velocity"]
+    assert answers["identifiers"] == [0x181, 0x182, 0x183]
+    assert answers["latencies_us"] == pytest.approx([470, 605, 740])
+    assert answers["latency_us"] == pytest.approx(740)
+    assert frames["RPDO1 command"]["latency_us"] == pytest.approx(420)
+    assert frames["EMCY"]["latency_us"] is None
+    assert frames["EMCY"]["latency_emcy_us"] > 0
+
+
+def test_budget_of_a_bare_urdf(capfd: Lines, tmp_path: Path) -> None:
+    scenario = tmp_path / "bare.toml"
+    scenario.write_text(BARE)
+    found, _ = answer(capfd, "bus", "budget", str(scenario))
+    assert [len(bus["joints"]) for bus in found["buses"]] == [3, 3]
+    assert found["fits"]
+
+
+def test_latencies_scale_with_the_bit_rate(capfd: Lines) -> None:
+    arguments = ["bus", "budget", PANDA, "--set", "bus.bitrate=500000"]
+    found, _ = answer(capfd, *arguments, "--set", "executor.rate_hz=400")
+    (sync,) = (f for f in found["buses"][0]["frames"] if f["role"] == "sync")
+    assert sync["latency_us"] == pytest.approx(400)
+
+
+def test_an_overloaded_bus_is_shown_then_refused(capfd: Lines) -> None:
+    arguments = ["bus", "budget", PANDA, "--set", "executor.rate_hz=1500"]
+    assert run(arguments) == 2
+    out, err = capfd.readouterr()
+    assert "can0" in out
+    assert "worst case" in out
+    # 65 + 75 + 3 · 230, and 17 (TPDO2), 18 (SDO), 5 (heartbeats, EMCY): 870 bits of 667.
+    assert err == (
+        "dftc: bus can0: 3 joints at 1500 Hz need 130% of the period in the worst case "
+        "(expected at most 90%: 7 buses would do for 7 joints)\n"
+    )
+    found, err = answer(capfd, *arguments, code=2)
+    assert (found["fits"], found["buses_needed"]) == (False, 7)
+    assert err.count("\n") == 1
+
+
+def test_a_full_bus_has_no_bound_and_not_even_one_joint_fits(capfd: Lines) -> None:
+    arguments = ["bus", "budget", PANDA, "--set", "executor.rate_hz=5000"]
+    found, err = answer(capfd, *arguments, code=2)
+    assert found["buses_needed"] is None
+    assert "not even one joint" in err
+    last = found["buses"][0]["frames"][-2]
+    assert last["name"] == "controller heartbeat"
+    assert last["latency_us"] is None
+    assert run(arguments) == 2
+    assert "none" in capfd.readouterr().out
+
+
+def test_the_table_fits_a_narrow_terminal(capfd: Lines, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert run(["bus", "budget", PANDA]) == 0
+    out, _ = capfd.readouterr()
+    assert "…" not in out
+    for text in ("0x201–0x203", "panda_joint3", "89.0%", "605 µs"):
+        assert text in out
+
+
+def test_another_profile_has_its_load_and_nothing_made_up(capfd: Lines, tmp_path: Path) -> None:
+    found, _ = answer(capfd, "bus", "budget", PANDA, "--set", "bus.profile=mit")
+    assert found["buses"][0]["worst"] == pytest.approx(0.81)
+    assert all(frame["latency_us"] is None for frame in found["buses"][0]["frames"])
+    assert run(["bus", "budget", PANDA, "--set", "bus.profile=mit"]) == 0
+    assert "answers come" not in capfd.readouterr().out
+    target = str(tmp_path / "x.dbc")
+    assert run(["bus", "dbc", PANDA, "-o", target, "--set", "bus.profile=mit"]) == 2
+    assert "cia402" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["budget", "up", "down"])
+def test_a_scenario_that_is_not_there(command: str, capfd: Lines) -> None:
+    assert run(["bus", command, "nowhere"]) == 2
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert PANDA in err
+
+
+@pytest.mark.parametrize(
+    ("given", "links"),
+    [
+        (PANDA, ["vcan0", "vcan1", "vcan2"]),
+        ("can0,can3", ["vcan0", "vcan3"]),
+        ("vcan0,can0,can1", ["vcan0", "vcan1"]),
+    ],
+)
+def test_links_of_a_scenario_and_of_a_list(
+    given: str, links: list[str], capfd: Lines, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bus_links, "bring_up", lambda names: dict.fromkeys(names, "made"))
+    assert run(["bus", "up", given]) == 0
+    assert capfd.readouterr().out == "".join(f"{link}: made\n" for link in links)
+    monkeypatch.setattr(bus_links, "take_down", lambda names: dict.fromkeys(names, "removed"))
+    assert run(["bus", "down", given]) == 0
+    assert capfd.readouterr().out == "".join(f"{link}: removed\n" for link in links)
+
+
+@pytest.mark.skipif(has_socketcan(), reason="this kernel has SocketCAN")
+def test_up_without_socketcan_says_what_to_do(capfd: Lines) -> None:
+    assert run(["bus", "up", "can0"]) == EnvironmentLacksError.exit_code == 3
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    for words in ("no SocketCAN", "modprobe", "root", "--bus unix"):
+        assert words in err
+
+
+def test_down_where_nothing_is(capfd: Lines) -> None:
+    assert run(["bus", "down", "can97,can98"]) == 0
+    assert capfd.readouterr().out == "vcan97: was not there\nvcan98: was not there\n"
+
+
+def test_dbc_files_one_a_bus(capfd: Lines, tmp_path: Path) -> None:
+    target = tmp_path / "panda.dbc"
+    assert run(["bus", "dbc", PANDA, "-o", str(target)]) == 0
+    out, _ = capfd.readouterr()
+    paths = [tmp_path / f"panda-can{k}.dbc" for k in range(3)]
+    assert out == "".join(f"{path}\n" for path in paths)
+    assert sorted(tmp_path.iterdir()) == paths
+    text = paths[2].read_text("cp1252")
+    assert "panda_joint7_TPDO1" in text
+    assert "panda_joint5" not in text
+
+
+def test_dbc_of_one_bus_is_the_file_named(capfd: Lines, tmp_path: Path) -> None:
+    target = tmp_path / "arm.dbc"
+    assert run(["bus", "dbc", "paper_example2", "-o", str(target)]) == 0
+    assert capfd.readouterr().out == f"{target}\n"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_dbc_replaces_nothing_unasked(capfd: Lines, tmp_path: Path) -> None:
+    there = tmp_path / "panda-can1.dbc"
+    there.write_text("mine")
+    arguments = ["bus", "dbc", PANDA, "-o", str(tmp_path / "panda.dbc")]
+    assert run(arguments) == 2
+    assert "panda-can1.dbc: is there already" in capfd.readouterr().err
+    assert list(tmp_path.iterdir()) == [there]
+    assert there.read_text() == "mine"
+    assert run([*arguments, "--force"]) == 0
+    assert there.read_text("cp1252").startswith("VERSION")
+
+
+def test_dbc_where_nothing_can_be_written(capfd: Lines, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    assert run(["bus", "dbc", PANDA, "-o", str(tmp_path / "file" / "x.dbc")]) == 2
+    assert capfd.readouterr().err.count("\n") == 1
+
+
+def test_dbc_without_cantools(
+    capfd: Lines, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "cantools", None)
+    assert run(["bus", "dbc", PANDA, "-o", str(tmp_path / "x.dbc")]) == 3
+    assert "dftc_rt[dbc]" in capfd.readouterr().err
