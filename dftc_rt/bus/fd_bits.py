@@ -21,16 +21,11 @@ from typing import Final
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
+from dftc_rt.bus.bits import charge
 from dftc_rt.bus.fields import can_id
-from dftc_rt.bus.frame import Frames
-
-FD_LENGTHS: Final = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
-"""Data bytes that a length code stands for."""
-BRS: Final = 0x01
-"""Flag in byte 5 of a frame: the data part is sent at the data bit rate."""
-ESI: Final = 0x02
-"""Flag in byte 5 of a frame: the sender is error passive."""
+from dftc_rt.bus.frame import BRS, ESI, FD_LENGTHS, FDF, Frames
 
 _ARBITRATION_11: Final = 17
 _ARBITRATION_29: Final = 36
@@ -51,7 +46,7 @@ def nominal_fd_bits(length: int, extended: bool = False) -> tuple[int, int]:
     """Return the bits of a frame without any stuffing, intermission included.
 
     Args:
-        length: Data bytes, one of :data:`FD_LENGTHS`.
+        length: Data bytes, one of :data:`~dftc_rt.bus.frame.FD_LENGTHS`.
         extended: 29-bit identifier.
 
     Returns:
@@ -70,7 +65,7 @@ def worst_fd_bits(length: int, extended: bool = False) -> tuple[int, int]:
     where the fixed one is.
 
     Args:
-        length: Data bytes, one of :data:`FD_LENGTHS`.
+        length: Data bytes, one of :data:`~dftc_rt.bus.frame.FD_LENGTHS`.
         extended: 29-bit identifier.
 
     Returns:
@@ -90,7 +85,7 @@ def exact_fd_bits(frames: Frames, row: int) -> tuple[int, int]:
 
     Args:
         frames: FD batch, uint8, shape ``(capacity, 72)``.
-        row: Row to look at; its length is one of :data:`FD_LENGTHS`.
+        row: Row to look at; its length is one of :data:`~dftc_rt.bus.frame.FD_LENGTHS`.
 
     Returns:
         Bits at the bit rate, bits at the data bit rate; without BRS all at the bit rate.
@@ -140,3 +135,37 @@ def exact_fd_bits(frames: Frames, row: int) -> tuple[int, int]:
     if brs:
         return slow, fast
     return slow + fast, 0
+
+
+@numba.njit("void(uint8[:, ::1], int64, int64[::1])", cache=True)
+def charge_fd(frames: Frames, count: int, totals: NDArray[np.int64]) -> None:
+    """Add the bits of the first ``count`` frames of a bus that carries FD frames to ``totals``.
+
+    Args:
+        frames: FD batch, uint8, shape ``(capacity, 72)``, classical frames among them.
+        count: Rows to charge for.
+        totals: Written in place, shape ``(7,)``: frames; nominal, exact, worst-case bits at the
+            bit rate; the same at the data bit rate.
+    """
+    one = np.zeros(4, dtype=np.int64)
+    for row in range(count):
+        if not frames[row, 5] & FDF:
+            one[:] = 0
+            charge(frames[row : row + 1], 1, one)
+            totals[:4] += one
+            continue
+        length = int(np.int64(frames[row, 4]))
+        before = _ARBITRATION_29 if frames[row, 3] >> 7 else _ARBITRATION_11
+        slow = before + _END
+        fast = _CONTROL + 8 * length + (_CRC_21 if length > _LONG else _CRC_17)
+        early = (before - 2) // 4
+        late = (before + _CONTROL + 8 * length - 2) // 4 - early
+        brs = frames[row, 5] & BRS
+        exact, exact_fast = exact_fd_bits(frames, row)
+        totals[0] += 1
+        totals[1] += slow if brs else slow + fast
+        totals[2] += exact
+        totals[3] += slow + early if brs else slow + fast + early + late
+        totals[4] += fast if brs else 0
+        totals[5] += exact_fast
+        totals[6] += fast + late if brs else 0

@@ -29,6 +29,14 @@ EFF_MASK: Final = 0x1FFF_FFFF
 # reserved extended identifier. Data: the cycle number, u64 little-endian.
 BARRIER_ID: Final = EFF_FLAG | 0x1FFF_FFFE
 
+# Flags in byte 5 of struct canfd_frame.
+BRS: Final = 0x01  # the data part is sent at the data bit rate
+ESI: Final = 0x02  # the sender is error passive
+FDF: Final = 0x04  # it is an FD frame: a batch for FD may hold classical frames besides
+
+FD_LENGTHS: Final = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
+"""Data bytes that a length code of CAN FD stands for."""
+
 Frames = NDArray[np.uint8]
 
 
@@ -42,7 +50,19 @@ def pack(can_id: int, data: bytes) -> bytes:
     return can_id.to_bytes(4, "little") + bytes([len(data), 0, 0, 0]) + data.ljust(8, b"\0")
 
 
+def pack_fd(can_id: int, data: bytes, flags: int = BRS) -> bytes:
+    """Return one FD frame as its 72 bytes.
+
+    Args:
+        can_id: Identifier with flags.
+        data: As many bytes as one of :data:`FD_LENGTHS` says.
+        flags: ``BRS``, ``ESI``; ``FDF`` is added.
+    """
+    head = can_id.to_bytes(4, "little") + bytes([len(data), flags | FDF, 0, 0])
+    return head + data.ljust(64, b"\0")
+
+
 def unpack(frame: bytes | Frames) -> tuple[int, bytes]:
-    """Return (identifier with flags, data) of one classical frame."""
+    """Return (identifier with flags, data) of one frame."""
     raw = bytes(frame)
     return int.from_bytes(raw[:4], "little"), raw[8 : 8 + raw[4]]

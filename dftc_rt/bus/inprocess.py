@@ -34,7 +34,8 @@ class FrameQueue:
             rows[:waiting] = rows[self._start : self._end].copy()
             self._start, self._end = 0, waiting
             count = min(count, len(rows) - waiting)
-        rows[self._end : self._end + count] = frames[:count]
+        # A classical frame, such as a barrier, may come from a narrower buffer.
+        rows[self._end : self._end + count, : frames.shape[1]] = frames[:count]
         self._end += count
         return count
 

@@ -16,7 +16,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dftc_rt.bus.frame import Frames
+from dftc_rt.bus.frame import FD_FRAME_SIZE, FDF, FRAME_SIZE, Frames
 from dftc_rt.errors import BusError
 
 MSG_DONTWAIT: Final = 0x40
@@ -68,6 +68,26 @@ _recvmmsg.argtypes = (
 _recvmmsg.restype = ctypes.c_int
 
 
+@numba.njit("void(uint8[:, ::1], int64, uint64[:])", cache=True)
+def _sizes(frames: Frames, count: int, sizes: NDArray[np.uint64]) -> None:
+    """Send classical frames of an FD buffer as what they are: records of 16 bytes."""
+    for i in range(count):
+        sizes[i] = FD_FRAME_SIZE if frames[i, 5] & FDF else FRAME_SIZE
+
+
+@numba.njit("int64(uint8[:, ::1], uint32[:], int64)", cache=True)
+def _mark(frames: Frames, lengths: NDArray[np.uint32], count: int) -> int:
+    """Set FDF of the FD frames that came; return the first row that is no frame, or count."""
+    for i in range(count):
+        if lengths[i] == FD_FRAME_SIZE:
+            frames[i, 5] |= FDF
+        elif lengths[i] == FRAME_SIZE:
+            frames[i, 5] = 0
+        else:
+            return i
+    return count
+
+
 @numba.njit("int64(uint32[:], int64, int64)", cache=True)
 def _first_of_other_length(lengths: NDArray[np.uint32], count: int, size: int) -> int:
     for i in range(count):
@@ -83,10 +103,14 @@ class _Headers:
         address: Address of the first header, to be handed to the kernel.
         capacity: Rows of the longest buffer seen at this address.
         frame_size: Bytes of a row.
+        fd: Whether rows are FD frames, among which there may be classical ones.
+        sizes: Bytes that a row has for the kernel, one a row.
         lengths: Bytes that the kernel sent or received, one a row.
     """
 
-    __slots__ = ("_headers", "_vectors", "address", "capacity", "frame_size", "lengths")
+    __slots__ = (
+        "_headers", "_vectors", "address", "capacity", "fd", "frame_size", "lengths", "sizes",
+    )  # fmt: skip
 
     def __init__(self, buffer_address: int, capacity: int, frame_size: int) -> None:
         rows = np.arange(capacity, dtype=np.uint64)
@@ -99,6 +123,8 @@ class _Headers:
         self.address = int(self._headers.ctypes.data)
         self.capacity = capacity
         self.frame_size = frame_size
+        self.fd = frame_size == FD_FRAME_SIZE
+        self.sizes: NDArray[np.uint64] = self._vectors["size"]
         self.lengths: NDArray[np.uint32] = self._headers["length"]
 
 
@@ -133,6 +159,8 @@ class FrameBatcher:
             raise ValueError(f"{count} frames asked for, the buffer holds {len(frames)}")
         if count <= 0:
             return 0
+        if headers.fd:
+            _sizes(frames, count, headers.sizes)
         sent: int = _sendmmsg(fd, headers.address, count, MSG_DONTWAIT | MSG_NOSIGNAL)
         if sent < 0:
             code = ctypes.get_errno()
@@ -146,7 +174,8 @@ class FrameBatcher:
     def receive(self, fd: int, frames: Frames) -> int:
         """Fill ``frames`` from row 0; return how many frames came. Never blocks.
 
-        Records of another length than a row are no frames and are left out.
+        Records of another length than a row are no frames and are left out. Rows of 72 bytes take
+        classical frames too; FDF tells which are not.
 
         Raises:
             BusError: The peer or the interface has gone away.
@@ -154,6 +183,8 @@ class FrameBatcher:
         """
         known = self._by_identity.get(id(frames))
         headers = known[1] if known is not None else self._find(frames)
+        if headers.fd:
+            headers.sizes[:] = FD_FRAME_SIZE
         count: int = _recvmmsg(fd, headers.address, len(frames), MSG_DONTWAIT | MSG_TRUNC, None)
         if count < 0:
             code = ctypes.get_errno()
@@ -167,7 +198,11 @@ class FrameBatcher:
                 count = _recvmmsg(fd, headers.address, len(frames), MSG_DONTWAIT | MSG_TRUNC, None)
             if count < 0:
                 raise BusError(self._name, _gone(code))
-        whole: int = _first_of_other_length(headers.lengths, count, headers.frame_size)
+        whole: int
+        if headers.fd:
+            whole = _mark(frames, headers.lengths, count)
+        else:
+            whole = _first_of_other_length(headers.lengths, count, headers.frame_size)
         if whole == count:
             return count
         return self._sift(frames, headers, whole, count)
@@ -180,7 +215,11 @@ class FrameBatcher:
         for row in range(whole, count):
             if headers.lengths[row] == 0:
                 break
-            if headers.lengths[row] == headers.frame_size:
+            if headers.fd:
+                fits = _mark(frames[row : row + 1], headers.lengths[row : row + 1], 1) == 1
+            else:
+                fits = headers.lengths[row] == headers.frame_size
+            if fits:
                 frames[kept] = frames[row]
                 kept += 1
         return kept

@@ -1,4 +1,4 @@
-"""A node on a SocketCAN interface: AF_CAN, raw, classical frames.
+"""A node on a SocketCAN interface: AF_CAN, raw.
 
 This opens whatever interface it is told, a live one included; that is for
 ``dftc control`` with the interface spelled out. The rig asks for vcan first.
@@ -35,7 +35,12 @@ class SocketCanSocket:
     __slots__ = ("_batcher", "_socket", "fd", "interface", "name")
 
     def __init__(
-        self, name: str, interface: str, filters: Sequence[tuple[int, int]] | None = None
+        self,
+        name: str,
+        interface: str,
+        filters: Sequence[tuple[int, int]] | None = None,
+        *,
+        fd: bool = False,
     ) -> None:
         """Bind to ``interface``, which must be up.
 
@@ -45,6 +50,7 @@ class SocketCanSocket:
             filters: (identifier, mask) pairs, flags included, of which a received frame
                 must match one (the kernel filters); None receives every frame.
                 Error frames are never received.
+            fd: Carry FD frames as well; buffers then have rows of 72 bytes.
 
         Raises:
             EnvironmentLacksError: The kernel has no AF_CAN, or refuses it.
@@ -68,6 +74,8 @@ class SocketCanSocket:
                     _FILTER.pack(can_id, mask & ~ERR_FLAG) for can_id, mask in filters
                 )
                 raw.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, packed)
+            if fd:
+                raw.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
             raw.bind((interface,))
             # Binding to an interface that is down succeeds and leaves the error behind.
             if code := raw.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):

@@ -5,23 +5,32 @@ from __future__ import annotations
 from typing import Final
 
 import numba
+import numpy as np
 
 from dftc_rt.bus.barrier import barrier_cycle, find_barrier
-from dftc_rt.bus.frame import Frames, frame_buffer
+from dftc_rt.bus.frame import FD_FRAME_SIZE, FD_LENGTHS, FDF, FRAME_SIZE, Frames, frame_buffer
 from dftc_rt.bus.interface import FrameSocket
 
 INBOX_FRAMES: Final = 1024
+_CODED = np.array([length in FD_LENGTHS for length in range(66)])
 
 
 @numba.njit("int64(uint8[:, ::1], int64)", cache=True)
 def drop_malformed(frames: Frames, count: int) -> int:
     """Close ranks over records that no CAN controller could send; return how many stay.
 
-    Those are records longer than 8 data bytes and error frames.
+    Those are error frames, records longer than 8 data bytes, and FD frames of a length that has
+    no code or with the remote flag.
     """
     kept = 0
     for row in range(count):
-        if frames[row, 4] > 8 or frames[row, 3] & 0x20:
+        length = int(np.int64(frames[row, 4]))
+        if frames[row, 3] & 0x20:
+            continue
+        if frames.shape[1] == FD_FRAME_SIZE and frames[row, 5] & FDF:
+            if frames[row, 3] & 0x40 or not _CODED[min(length, 65)]:
+                continue
+        elif length > 8:
             continue
         if kept != row:
             frames[kept] = frames[row]
@@ -42,14 +51,14 @@ class Client:
 
     __slots__ = ("_end", "_inbox", "_start", "barrier", "dropped", "malformed", "number", "socket")
 
-    def __init__(self, socket: FrameSocket, number: int = 0) -> None:
+    def __init__(self, socket: FrameSocket, number: int = 0, frame_size: int = FRAME_SIZE) -> None:
         """Take over the bus's end of a connection."""
         self.number = number
         self.socket = socket
         self.barrier: int | None = None
         self.dropped = 0
         self.malformed = 0
-        self._inbox = frame_buffer(INBOX_FRAMES)
+        self._inbox = frame_buffer(INBOX_FRAMES, frame_size)
         self._start = 0
         self._end = 0
 
@@ -70,7 +79,7 @@ class Client:
             self.barrier = barrier_cycle(frames, at)
             behind = count - at - 1
             if behind > len(self._inbox):
-                self._inbox = frame_buffer(behind)
+                self._inbox = frame_buffer(behind, self._inbox.shape[1])
             self._inbox[:behind] = frames[at + 1 : count]
             self._start, self._end = 0, behind
         return at

@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dftc_rt.bus.bits import exact_bits
+from dftc_rt.bus.fd_bits import exact_fd_bits
 from dftc_rt.bus.fields import can_id
-from dftc_rt.bus.frame import Frames, frame_buffer, pack
+from dftc_rt.bus.frame import FD_FRAME_SIZE, FDF, FRAME_SIZE, Frames, frame_buffer, pack
 from dftc_rt.config import faults as kinds
 from dftc_rt.config.faults import BusFault, Fault
 from dftc_rt.errors import InputError
@@ -52,7 +53,8 @@ class Counts:
         duplicated: Frames that came twice.
         delayed: Frames that came late.
         babbled: Frames of a babbling node.
-        waste_bits: Time on the wire of transmissions that nobody took, bits.
+        waste: Time on the wire of transmissions that nobody took: bits at the bit rate, bits at
+            the data bit rate.
     """
 
     lost: int = 0
@@ -60,7 +62,7 @@ class Counts:
     duplicated: int = 0
     delayed: int = 0
     babbled: int = 0
-    waste_bits: int = 0
+    waste: tuple[int, int] = (0, 0)
 
 
 def of_bus(faults: Sequence[Fault], bus: str, buses: Sequence[str]) -> list[BusFault]:
@@ -95,7 +97,13 @@ class Impairments:
     """
 
     def __init__(
-        self, name: str, faults: Sequence[BusFault], seed: int, index: int, report: Report
+        self,
+        name: str,
+        faults: Sequence[BusFault],
+        seed: int,
+        index: int,
+        report: Report,
+        frame_size: int = FRAME_SIZE,
     ) -> None:
         """Prepare the faults of the bus ``name``.
 
@@ -105,6 +113,7 @@ class Impairments:
             seed: The scenario's.
             index: Of the bus.
             report: Called as (t, severity, source, text) when a node's state changes.
+            frame_size: Bytes of a row, 16, or 72 on a bus that carries FD frames.
         """
         self.counts = Counts()
         self.counters: dict[int, ErrorCounters] = {CONTROLLER: ErrorCounters()}
@@ -118,7 +127,7 @@ class Impairments:
         self._held: list[tuple[float, int, int, bytes]] = []  # due, number, sender, frame
         self._number = 0
         self._babbled = [0] * len(self._faults)
-        self._out = frame_buffer(64)
+        self._out = frame_buffer(64, frame_size)
         self._nodes = np.zeros(64, dtype=np.int32)
 
     def advance(self, t: float) -> None:
@@ -171,7 +180,7 @@ class Impairments:
             self._hold(self._t, node, raw)
         del out[limit:]
         if len(out) > len(self._out):
-            self._out = frame_buffer(2 * len(out))
+            self._out = frame_buffer(2 * len(out), self._out.shape[1])
             self._nodes = np.zeros(2 * len(out), dtype=np.int32)
         for row, (raw, node) in enumerate(out):
             self._out[row] = np.frombuffer(raw, dtype=np.uint8)
@@ -189,7 +198,7 @@ class Impairments:
             match fault:
                 case kinds.FrameLossFault() if self._hits(fault, number) and times:
                     self.counts.lost += 1
-                    self.counts.waste_bits += exact_bits(frames, row)
+                    self._waste(frames, row, 0)
                     times = 0
                 case kinds.FrameCorruptionFault() if _matches(fault, number):
                     if times and not self._gets_through(fault, frames, row, node):
@@ -227,11 +236,20 @@ class Impairments:
             sender = self.counters.setdefault(node, ErrorCounters())
             passive = sender.state == "passive"
             self.counts.errors += 1
-            self.counts.waste_bits += exact_bits(frames, row) + ERROR_BITS + passive * _SUSPEND_BITS
+            self._waste(frames, row, ERROR_BITS + passive * _SUSPEND_BITS)
             self._spoilt(node, sender)
             if not fault.retransmit or node in self._back:
                 return False
         return True
+
+    def _waste(self, frames: Frames, row: int, more: int) -> None:
+        """Count the time of a transmission that nobody takes, and ``more`` bits."""
+        slow, fast = self.counts.waste
+        if frames.shape[1] == FD_FRAME_SIZE and frames[row, 5] & FDF:
+            own, data = exact_fd_bits(frames, row)
+        else:
+            own, data = exact_bits(frames, row), 0
+        self.counts.waste = slow + own + more, fast + data
 
     def _spoilt(self, node: int, sender: ErrorCounters) -> None:
         for other, counters in self.counters.items():
@@ -258,7 +276,8 @@ class Impairments:
                 continue
             due = int((t - fault.start_s) * fault.rate_hz)
             for _ in range(min(due - self._babbled[k], _MOST_BABBLE)):
-                self._hold(t, BABBLER, pack(fault.can_id, b"\xaa" * fault.data_bytes))
+                raw = pack(fault.can_id, b"\xaa" * fault.data_bytes)
+                self._hold(t, BABBLER, raw.ljust(self._out.shape[1], b"\0"))
                 self.counts.babbled += 1
             self._babbled[k] = due
 

@@ -17,6 +17,6 @@ class InProcessPort(VirtualBus):
         Args:
             capacity: Frames that wait in either direction before frames are refused.
         """
-        node, end = link(self.name, capacity)
+        node, end = link(self.name, capacity, self.frame_size)
         self.attach(end)
         return node

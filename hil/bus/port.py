@@ -18,10 +18,12 @@ class BusPort(Protocol):
     Attributes:
         name: Logical bus name (``can0``).
         fds_version: Grows whenever ``fds()`` would return something else.
+        frame_size: Bytes of a row of every buffer: 16, or 72 on a bus that carries FD frames.
     """
 
     name: str
     fds_version: int
+    frame_size: int
 
     def fds(self) -> list[int]:
         """Return the descriptors to wait on; empty for in-process links."""

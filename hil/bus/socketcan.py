@@ -24,6 +24,7 @@ class SocketCanPort(VirtualBus):
         *,
         timing: Timing = "account",
         bitrate: int = 1_000_000,
+        data_bitrate: int | None = None,
     ) -> None:
         """Open ``interface``.
 
@@ -32,6 +33,7 @@ class SocketCanPort(VirtualBus):
             interface: vcan interface (``vcan0``).
             timing: ``off`` or ``account``.
             bitrate: Bits per second of the bus that is stood in for.
+            data_bitrate: Of the data part of FD frames; None: a classical bus.
 
         Raises:
             InputError: The interface is of another kind than vcan: the rig must never
@@ -44,8 +46,8 @@ class SocketCanPort(VirtualBus):
             raise BusError(name, f"there is no interface {interface}")
         if kind != "vcan":
             raise InputError(interface, f"a link of kind {kind or 'hardware'}", "kind vcan")
-        super().__init__(name, timing=timing, bitrate=bitrate)
-        self.attach(SocketCanSocket(name, interface))
+        super().__init__(name, timing=timing, bitrate=bitrate, data_bitrate=data_bitrate)
+        self.attach(SocketCanSocket(name, interface, fd=data_bitrate is not None))
 
     def _leave(self, client: Client, reason: BusError) -> None:
         super()._leave(client, reason)

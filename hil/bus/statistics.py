@@ -15,6 +15,10 @@ class BusStatistics:
         nominal_bits: Their bits without stuffing, intermission included.
         exact_bits: Their bits with the stuffing that their content causes.
         worst_bits: Their bits with the most stuffing that their lengths allow.
+        data_bitrate: Bits per second of the data part of FD frames; 0 on a classical bus.
+        nominal_data_bits: Bits at that rate, which the counts above leave out.
+        exact_data_bits: The same with their own stuffing.
+        worst_data_bits: The same with the most stuffing.
         dropped: Frames lost to clients that did not read them in time, clients that
             have left included.
         malformed: Records from clients that are no CAN frame.
@@ -32,6 +36,10 @@ class BusStatistics:
     nominal_bits: int
     exact_bits: int
     worst_bits: int
+    data_bitrate: int
+    nominal_data_bits: int
+    exact_data_bits: int
+    worst_data_bits: int
     dropped: int
     malformed: int
     clients: int
@@ -45,7 +53,8 @@ class BusStatistics:
     @property
     def busy_s(self) -> float:
         """Seconds that the frames would have occupied the wire."""
-        return self.exact_bits / self.bitrate
+        data_s = self.exact_data_bits / self.data_bitrate if self.data_bitrate else 0.0
+        return self.exact_bits / self.bitrate + data_s
 
     def load(self, duration_s: float) -> float:
         """Return the share of ``duration_s`` seconds in which the wire was occupied."""

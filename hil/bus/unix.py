@@ -52,6 +52,7 @@ class UnixPort(VirtualBus):
         *,
         timing: Timing = "account",
         bitrate: int = 1_000_000,
+        data_bitrate: int | None = None,
     ) -> None:
         """Take over a listening socket (``listen``).
 
@@ -60,8 +61,9 @@ class UnixPort(VirtualBus):
             listener: AF_UNIX SOCK_SEQPACKET, listening.
             timing: ``off`` or ``account``.
             bitrate: Bits per second of the bus that is stood in for.
+            data_bitrate: Of the data part of FD frames; None: a classical bus.
         """
-        super().__init__(name, timing=timing, bitrate=bitrate)
+        super().__init__(name, timing=timing, bitrate=bitrate, data_bitrate=data_bitrate)
         listener.setblocking(False)
         self._listener = listener
         self._newcomers = select.poll()

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from dftc_rt.bus.barrier import BarrierSender
 from dftc_rt.bus.bits import charge
-from dftc_rt.bus.frame import Frames, frame_buffer
+from dftc_rt.bus.fd_bits import charge_fd
+from dftc_rt.bus.frame import FD_FRAME_SIZE, FRAME_SIZE, Frames, frame_buffer
 from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.errors import BusError, InputError
 from hil.bus.arbitration import arbitrate, is_ordered, order_by_identifier
@@ -27,6 +28,7 @@ _FRAMES: Final = 0  # the columns of the totals
 _NOMINAL: Final = 1
 _EXACT: Final = 2
 _WORST: Final = 3
+_FAST: Final = 3  # from a column to its bits at the data bit rate
 _UNBOUNDED: Final = 1 << 30
 
 
@@ -40,15 +42,25 @@ class VirtualBus:
     Attributes:
         name: Logical bus name.
         fds_version: Grows with every client that comes or leaves.
+        frame_size: Bytes of a row of every buffer: 16, or 72 on a bus that carries FD frames.
     """
 
-    def __init__(self, name: str, *, timing: Timing = "account", bitrate: int = 1_000_000) -> None:
+    def __init__(
+        self,
+        name: str,
+        *,
+        timing: Timing = "account",
+        bitrate: int = 1_000_000,
+        data_bitrate: int | None = None,
+    ) -> None:
         """Open a bus without clients.
 
         Args:
             name: Logical bus name.
             timing: ``off`` or ``account``.
             bitrate: Bits per second of the bus that is stood in for.
+            data_bitrate: Of the data part of FD frames: the bus carries them, and all
+                buffers have rows of 72 bytes. None: a classical bus.
 
         Raises:
             InputError: ``timing`` is something else.
@@ -58,28 +70,30 @@ class VirtualBus:
         self.name = name
         self.fds_version = 0
         self._bitrate = bitrate
+        self._data_bitrate = data_bitrate
+        self.frame_size = FRAME_SIZE if data_bitrate is None else FD_FRAME_SIZE
         self._account = timing == "account"
         self._clients: list[Client] = []
         self._joined = 0
         self._impairments: Impairments | None = None
         self._answer: Client | None = None
         self._barrier_sender = BarrierSender()
-        self._totals = np.zeros(4, dtype=np.int64)
+        self._totals = np.zeros(7, dtype=np.int64)
         self._departed = 0
         self._dropped = 0
         self._malformed = 0
         self._resize(64)
 
     def _resize(self, rows: int) -> None:
-        self._staging = frame_buffer(rows)
-        self._forward = frame_buffer(rows)
+        self._staging = frame_buffer(rows, self.frame_size)
+        self._forward = frame_buffer(rows, self.frame_size)
         self._nodes = np.zeros(rows, dtype=np.int32)
         self._order = np.zeros(rows, dtype=np.int64)
         self._senders = np.zeros(0, dtype=np.int32)
 
     def attach(self, socket: FrameSocket) -> None:
         """Make ``socket`` the bus's end of a connection to one more node."""
-        self._clients.append(Client(socket, self._joined))
+        self._clients.append(Client(socket, self._joined, self.frame_size))
         self._joined += 1
         self.fds_version += 1
 
@@ -191,6 +205,10 @@ class VirtualBus:
             nominal_bits=int(self._totals[_NOMINAL]),
             exact_bits=int(self._totals[_EXACT]),
             worst_bits=int(self._totals[_WORST]),
+            data_bitrate=self._data_bitrate or 0,
+            nominal_data_bits=int(self._totals[_FAST + _NOMINAL]),
+            exact_data_bits=int(self._totals[_FAST + _EXACT]),
+            worst_data_bits=int(self._totals[_FAST + _WORST]),
             dropped=self._dropped + sum(client.dropped for client in self._clients),
             malformed=self._malformed + sum(client.malformed for client in self._clients),
             clients=len(self._clients),
@@ -260,11 +278,11 @@ class VirtualBus:
         """What :meth:`receive` does while faults act on the bus."""
         limit = len(frames)
         count = self._contend(frames)
-        wasted = impairments.counts.waste_bits
+        wasted = impairments.counts.waste
         through, count, senders = impairments.carry(
             frames, count, self._senders, limit, drives=False
         )
-        self._waste(impairments.counts.waste_bits - wasted)
+        self._waste(wasted, impairments.counts.waste)
         frames[:count] = through[:count]
         if count:
             self._charge(frames, count)
@@ -276,9 +294,9 @@ class VirtualBus:
         self, impairments: Impairments, frames: Frames, count: int, nodes: NDArray[np.int32]
     ) -> None:
         """What :meth:`send` does while faults act on the bus."""
-        wasted = impairments.counts.waste_bits
+        wasted = impairments.counts.waste
         through, count, _ = impairments.carry(frames, count, nodes, _UNBOUNDED, drives=True)
-        self._waste(impairments.counts.waste_bits - wasted)
+        self._waste(wasted, impairments.counts.waste)
         self._charge(through, count)
         if impairments.off(CONTROLLER):
             impairments.counts.lost += count
@@ -286,10 +304,12 @@ class VirtualBus:
         for client in tuple(self._clients):
             self._deliver(client, through, count)
 
-    def _waste(self, bits: int) -> None:
+    def _waste(self, before: tuple[int, int], after: tuple[int, int]) -> None:
+        """Charge transmissions that nobody took."""
         if self._account:
-            self._totals[_EXACT] += bits
-            self._totals[_WORST] += bits
+            for column in (_EXACT, _WORST):
+                self._totals[column] += after[0] - before[0]
+                self._totals[_FAST + column] += after[1] - before[1]
 
     def _deliver(self, client: Client, frames: Frames, count: int) -> None:
         try:
@@ -307,7 +327,9 @@ class VirtualBus:
         self.fds_version += 1
 
     def _charge(self, frames: Frames, count: int) -> None:
-        if self._account:
+        if self._account and self._data_bitrate is not None:
+            charge_fd(frames, count, self._totals)
+        elif self._account:
             charge(frames, count, self._totals)
         else:
             self._totals[_FRAMES] += count

@@ -22,6 +22,7 @@ from hil.bus.virtual_bus import Timing
 
 Opener = Callable[[Path, Timing], "Transport"]
 
+DATA_BITRATE = 5_000_000
 PATIENCE_S = 5.0  # how long a frame may take before the test fails
 
 
@@ -69,6 +70,26 @@ def open_vcan(directory: Path, timing: Timing = "account") -> Transport:
     """Open a bus on the interface vcan0."""
     port = SocketCanPort("can0", "vcan0", timing=timing)
     return Transport(port, lambda: SocketCanSocket("can0", "vcan0"))
+
+
+def fd_inprocess(directory: Path, timing: Timing = "account") -> Transport:
+    """Open an in-process bus that carries FD frames."""
+    port = InProcessPort("can0", timing=timing, data_bitrate=DATA_BITRATE)
+    return Transport(port, port.connect)
+
+
+def fd_unix(directory: Path, timing: Timing = "account") -> Transport:
+    """Open such a bus on AF_UNIX in ``directory``."""
+    claim = BusDirectory(directory / "buses")
+    listener = listen(claim.path, "can0")
+    port = UnixPort("can0", listener, timing=timing, data_bitrate=DATA_BITRATE)
+    return Transport(port, lambda: connect("can0", claim.path), close_actions=[claim.release])
+
+
+def fd_vcan(directory: Path, timing: Timing = "account") -> Transport:
+    """Open such a bus on the interface vcan0, whose mtu is 72."""
+    port = SocketCanPort("can0", "vcan0", timing=timing, data_bitrate=DATA_BITRATE)
+    return Transport(port, lambda: SocketCanSocket("can0", "vcan0", fd=True))
 
 
 def batch(frames: list[tuple[int, bytes]]) -> Frames:

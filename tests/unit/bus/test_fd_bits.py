@@ -7,16 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dftc_rt.bus.fd_bits import (
+from dftc_rt.bus.fd_bits import exact_fd_bits, fd_length, nominal_fd_bits, worst_fd_bits
+from dftc_rt.bus.frame import (
     BRS,
+    EFF_FLAG,
     ESI,
+    FD_FRAME_SIZE,
     FD_LENGTHS,
-    exact_fd_bits,
-    fd_length,
-    nominal_fd_bits,
-    worst_fd_bits,
+    Frames,
+    frame_buffer,
 )
-from dftc_rt.bus.frame import EFF_FLAG, FD_FRAME_SIZE, Frames, frame_buffer
 
 
 def frame(can_id: int, data: bytes, flags: int = BRS) -> Frames:

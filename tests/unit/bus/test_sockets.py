@@ -13,7 +13,7 @@ import pytest
 
 import dftc_rt.bus.wait as waiting
 from dftc_rt.bus.barrier import find_barrier, write_barrier
-from dftc_rt.bus.frame import FD_FRAME_SIZE, Frames, frame_buffer
+from dftc_rt.bus.frame import FD_FRAME_SIZE, FDF, Frames, frame_buffer
 from dftc_rt.bus.inprocess import FrameQueue, link
 from dftc_rt.bus.unix import UnixSocket, connect
 from dftc_rt.bus.wait import Waiter, wait
@@ -66,6 +66,7 @@ def test_more_buffers_than_are_remembered(raw: tuple[UnixSocket, socket.socket])
 def test_fd_frames_travel_in_rows_of_72_bytes(raw: tuple[UnixSocket, socket.socket]) -> None:
     node, other = raw
     frames = counted(3, size=FD_FRAME_SIZE)
+    frames[:, 5] = FDF
     assert node.send(frames, 3) == 3
     assert [other.recv(100) for _ in range(3)] == [bytes(row) for row in frames]
 
