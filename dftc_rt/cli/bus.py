@@ -1,4 +1,4 @@
-"""``dftc bus``: virtual buses, and what travels on a robot's buses."""
+"""``dftc bus``: virtual buses, and what travels on the buses of a robot."""
 
 from __future__ import annotations
 

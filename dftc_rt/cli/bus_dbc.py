@@ -54,7 +54,7 @@ def dbc(
     opened = session.open_session(scenario, set_)
     if opened.scenario.bus.profile != "cia402":
         found = f"'{opened.scenario.bus.profile}'"
-        raise InputError("bus.profile", found, "'cia402': a DBC is written of that alone")
+        raise InputError("bus.profile", found, "'cia402'; a DBC is of that alone")
     names = bus_names(opened.robot.joint_config)
     paths = {name: _path(Path(output), name, len(names)) for name in names}
     for path in paths.values():

@@ -171,7 +171,8 @@ def test_no_frame_ever_takes_longer(nodes: list[int], emergencies: bool) -> None
         for can_id, took in bus.longest.items():
             assert took <= bound[can_id] + 1e-6, (seed, hex(can_id))
             seen[can_id] = max(seen[can_id], took)
-    # The bound of what matters is not far from what does happen.
-    assert seen[0x080] > 0.9 * bound[0x080]
-    for node in nodes:
-        assert seen[0x180 + node] > 0.5 * bound[0x180 + node]
+    assert seen[0x080] > 0.99 * bound[0x080]
+    if not emergencies:  # the bound of what matters is what does happen
+        for node in nodes:
+            assert seen[0x180 + node] > 0.9 * bound[0x180 + node]
+            assert seen[0x200 + node] > 0.9 * bound[0x200 + node]
