@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import stat
+import threading
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -101,13 +102,14 @@ class DftcBus(can.BusABC):
         self.channel = channel
         self.channel_info = f"dftc {channel} in {directory}"
         self._tx = frame_buffer(1)
+        self._sending = threading.Lock()  # periodic messages come from a thread of their own
         self._rx = frame_buffer(1)
         self._waiter = Waiter([self._node.fd])
         self._own: deque[can.Message] | None = deque() if receive_own_messages else None
         super().__init__(channel=channel, can_filters=can_filters, **kwargs)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send one message.
+        """Send one message; from any thread.
 
         Args:
             msg: Classical data or remote frame.
@@ -117,19 +119,20 @@ class DftcBus(can.BusABC):
             can.CanTimeoutError: There was no room.
             can.CanOperationError: The bus has gone away, or the message does not fit it.
         """
-        to_frame(msg, self._tx, 0)
-        deadline = time.monotonic() + (timeout or 0.0)
-        try:
-            while not self._node.send(self._tx, 1):
-                if time.monotonic() >= deadline:
-                    raise can.CanTimeoutError("the rig does not read its bus")
-                time.sleep(_ROOM_RETRY_S)
-        except BusError as error:
-            raise can.CanOperationError(str(error)) from error
-        if self._own is not None:
-            own = to_message(self._tx, 0, self.channel, time.time())
-            own.is_rx = False
-            self._own.append(own)
+        with self._sending:
+            to_frame(msg, self._tx, 0)
+            deadline = time.monotonic() + (timeout or 0.0)
+            try:
+                while not self._node.send(self._tx, 1):
+                    if time.monotonic() >= deadline:
+                        raise can.CanTimeoutError("the rig does not read its bus")
+                    time.sleep(_ROOM_RETRY_S)
+            except BusError as error:
+                raise can.CanOperationError(str(error)) from error
+            if self._own is not None:
+                own = to_message(self._tx, 0, self.channel, time.time())
+                own.is_rx = False
+                self._own.append(own)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if self._own:

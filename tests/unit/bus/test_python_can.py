@@ -5,6 +5,7 @@ The other end is an independent implementation each time: python-can's own virtu
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from dftc_rt.bus.directory import BusDirectory
 from dftc_rt.bus.frame import EFF_FLAG, RTR_FLAG, Frames, frame_buffer
 from dftc_rt.bus.python_can import DftcBus
 from dftc_rt.bus.python_can_socket import PythonCanSocket, open_python_can
-from dftc_rt.bus.unix import connect
+from dftc_rt.bus.unix import UnixSocket, connect
 from dftc_rt.bus.wait import wait
 from dftc_rt.errors import BusError, EnvironmentLacksError
 from hil.bus.unix import UnixPort, listen
@@ -90,6 +91,28 @@ def test_no_bus_and_a_bus_that_goes_away(rig: UnixPort) -> None:
             tool.recv(timeout=60.0)
         with pytest.raises(can.CanOperationError, match="gone away"):
             tool.send(MESSAGES[0])
+
+
+def test_threads_do_not_send_each_others_frames(
+    rig: UnixPort, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # python-can's periodic messages, a master's SYNC, come from a thread of their own.
+    with can.Bus(interface="dftc", channel="can0") as tool:
+        assert isinstance(tool, DftcBus)
+        rig.receive(frame_buffer(4))
+        send = UnixSocket.send
+        other = threading.Thread(target=tool.send, args=(MESSAGES[1],))
+
+        def interrupted(node: UnixSocket, frames: Frames, count: int) -> int:
+            if other.ident is None:
+                other.start()
+                other.join(0.1)  # it is to wait: were it let in, it would be done by then
+            return send(node, frames, count)
+
+        monkeypatch.setattr(UnixSocket, "send", interrupted)
+        tool.send(MESSAGES[0])
+        other.join()
+        assert collect(rig, 2) == SENT[:2]
 
 
 def test_a_rig_that_does_not_read_times_the_sender_out(rig: UnixPort) -> None:
