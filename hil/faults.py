@@ -1,7 +1,8 @@
 """Faults of the rig, over rig time: what they do to each joint's motor and friction.
 
-``payload`` and ``contact`` act on the arm as a whole (:mod:`hil.plants.outside`); here they are
-only known to be active.
+``payload`` and ``contact`` act on the arm as a whole (:mod:`hil.plants.outside`), others on a drive
+as a node (:mod:`hil.drive.failures`) or on its encoder (:mod:`hil.drive.sensor_faults`); here they
+are only known to be active.
 
 Source: fault models of [zhao2017] section 2 (eq. (2)) and docs/faults.md.
 """
@@ -24,8 +25,10 @@ from hil.plants.layout import BIAS, CEILING, DEAD_ZONE, FRICTION, LAG, STUCK, TO
 F64 = NDArray[np.float64]
 
 _BIAS, _SATURATION, _DEAD_ZONE, _STUCK_TORQUE, _LAG, _FRICTION = range(shares.LAST + 1, 10)
-PAYLOAD: Final = 10
-CONTACT: Final = 11
+LOCK: Final = 10
+_IN_DRIVE: Final = 11
+PAYLOAD: Final = 12
+CONTACT: Final = 13
 _EVERY_JOINT: Final = -1
 
 _FAULT = np.dtype(
@@ -88,6 +91,19 @@ def _parameters(fault: Fault) -> tuple[int, tuple[float, ...]]:
             return _LAG, (fault.lag_s,)
         case kinds.FrictionFault():
             return _FRICTION, (fault.factor,)
+        case kinds.LockFault():
+            return LOCK, ()
+        case (
+            kinds.EmcyFault()
+            | kinds.SilentFault()
+            | kinds.LateFault()
+            | kinds.RestartFault()
+            | kinds.SensorBiasFault()
+            | kinds.SensorFrozenFault()
+            | kinds.SensorNoiseFault()
+            | kinds.SensorBitsFault()
+        ):
+            return _IN_DRIVE, ()
         case kinds.PayloadFault():
             return PAYLOAD, (fault.payload_kg, *fault.com_m)
         case kinds.ContactFault():
@@ -122,6 +138,8 @@ def effectiveness(t: float, faults: NDArray[np.void], rho: F64, active: F64) -> 
             active[f.joint] = 1.0
         if f.profile <= shares.LAST:
             rho[f.joint] *= shares.value(f.profile, t, f.start, f.a, f.b, f.c)
+        elif f.profile == LOCK:
+            rho[f.joint] = 0.0
 
 
 @numba.njit(cache=True)

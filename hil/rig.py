@@ -22,7 +22,9 @@ from dftc_rt.dynamics.model import Robot
 from dftc_rt.errors import InputError
 from hil.bus.impairments import Impairments, of_bus
 from hil.bus.port import BusPort
+from hil.drive.failures import DriveFailures, check_failures
 from hil.drive.select import emulated_drives
+from hil.drive.sensor_faults import SensorFaults
 from hil.drive.sensors import Sensors, torque_commands
 from hil.faults import compile_faults
 from hil.plants.closed_form import refuse_additions
@@ -119,6 +121,8 @@ class Rig:
         self._scale = table.values
         self._sensors = Sensors(scenario.rig.drive, table, scenario.seed, n)
         self._sensors.preset(self.plant.q, self.drives.objects)
+        self._failures = DriveFailures(scenario.fault, robot.joints, self.drives)
+        self._sensor_faults = SensorFaults(scenario.fault, robot.joints, table, scenario.seed)
         self.ports = list(ports)
         for index, (name, port) in enumerate(zip(names, self.ports, strict=True)):
             if found := of_bus(scenario.fault, name, names):
@@ -271,6 +275,7 @@ class Rig:
         """End a step: timers, new torque commands and brakes, sensors, the record."""
         plant, drives = self.plant, self.drives
         t = plant.t
+        self._failures.apply(t)
         drives.tick(t)
         plant.reveal()
         _record(
@@ -288,6 +293,7 @@ class Rig:
             port.advance(t)
         self._actuate()
         self._sensors.latch(plant.q, plant.v, plant.motor, drives.objects)
+        self._sensor_faults.apply(t, drives.objects)
         self.steps += 1
 
     def _actuate(self) -> None:
@@ -309,6 +315,7 @@ def check_rig(scenario: Scenario, robot: Robot) -> None:
         InputError: A value of ``[rig]`` or a fault does not fit the robot.
     """
     check_outside(robot, compile_faults(scenario.fault, robot.joints))
+    check_failures(scenario.fault, scenario.bus.profile)
     names = bus_names(robot.joint_config)
     for name in names:
         of_bus(scenario.fault, name, names)

@@ -18,12 +18,13 @@ Mask = NDArray[np.bool_]
 ACTUATOR_KINDS: Final = frozenset(
     (
         "loss", "ramp", "sine", "intermittent", "total", "dead_zone", "stuck_torque",
-        "lock_in_place", "bias", "saturation", "lag",
+        "lock", "bias", "saturation", "lag",
     )
 )  # fmt: skip
 """Faults for which the verdict "actuator loss" is right.
 
-Not so for payload, contact and friction: every motor is healthy, and the verdict a false alarm.
+Not so for payload, contact and friction, nor for those of drives as nodes and of sensors: every
+motor is healthy, and the verdict a false alarm.
 """
 
 RESTLESS_KINDS: Final = frozenset({"sine", "intermittent", "saturation", "dead_zone"})

@@ -103,6 +103,68 @@ class FrictionFault(_Timed, frozen=True, tag="friction", kw_only=True):
     factor: NonNegative
 
 
+class LockFault(_Fault, frozen=True, tag="lock", kw_only=True):
+    """The joint is blocked where it stands; its drive notices nothing."""
+
+
+class EmcyFault(_Fault, frozen=True, tag="emcy", kw_only=True):
+    """The drive goes into fault with this EMCY error code; the cause lasts until ``end_s``."""
+
+    error_code: Annotated[int, Meta(ge=1, le=0xFFFF)]
+
+
+class SilentFault(_Fault, frozen=True, tag="silent", kw_only=True):
+    """The drive's node sends nothing and hears nothing."""
+
+
+class LateFault(_Fault, frozen=True, tag="late", kw_only=True):
+    """What the drive's node sends comes ``delay_s`` later."""
+
+    delay_s: Positive
+
+
+class RestartFault(Strict, frozen=True, tag_field="kind", tag="restart", kw_only=True):
+    """The drive loses its supply and is back ``boot_s`` later, as after power-on."""
+
+    joint: str
+    start_s: NonNegative = 0.0
+    boot_s: Positive = 0.5
+
+    @property
+    def end_s(self) -> float:
+        """When the drive is back, s."""
+        return self.start_s + self.boot_s
+
+
+DriveFault = EmcyFault | SilentFault | LateFault | RestartFault
+
+
+class SensorBiasFault(_Fault, frozen=True, tag="sensor_bias", kw_only=True):
+    """The encoder reads ``bias_rad`` too much."""
+
+    bias_rad: float
+
+
+class SensorFrozenFault(_Fault, frozen=True, tag="sensor_frozen", kw_only=True):
+    """The encoder stands still: the position stays, and the velocity made of it is 0."""
+
+
+class SensorNoiseFault(_Fault, frozen=True, tag="sensor_noise", kw_only=True):
+    """White noise on position and velocity, standard deviations, besides the drive's own."""
+
+    position_rad: NonNegative = 0.0
+    velocity_rad_s: NonNegative = 0.0
+
+
+class SensorBitsFault(_Fault, frozen=True, tag="sensor_bits", kw_only=True):
+    """The encoder's ``bits`` lowest bits read 0."""
+
+    bits: Annotated[int, Meta(ge=1, le=31)]
+
+
+SensorFault = SensorBiasFault | SensorFrozenFault | SensorNoiseFault | SensorBitsFault
+
+
 class OnBus(_Timed, frozen=True, kw_only=True):
     """A fault of the bus ``bus``, by its logical name; the others are faults of the robot."""
 
@@ -174,5 +236,8 @@ Fault = (
     | PayloadFault
     | ContactFault
     | FrictionFault
+    | LockFault
+    | DriveFault
+    | SensorFault
     | BusFault
 )

@@ -77,19 +77,20 @@ class NodeManagement:
         """Handle one frame that is no PDO."""
         can_id = int(row[0]) | int(row[1]) << 8
         data = bytearray(row[8 : 8 + row[4]])
+        hearing = [d for d in self.members[bus] if not self.objects[d, slots.OFF_BUS]]
         if can_id == od.NMT:
             if len(data) >= 2 and data[0] in (*_STATES, *_RESETS):
-                for d in self.members[bus]:
+                for d in hearing:
                     if data[1] in (0, self._nodes[d].id):
                         self._command(int(d), data[0])
         elif can_id >= od.HEARTBEAT:
-            for d in self.members[bus]:
+            for d in hearing:
                 if self._nodes[d].consumer[0] == can_id - od.HEARTBEAT:
                     self._nodes[d].heard_us = self.now_us
             self._plan()
         elif len(data) == 8:
-            drive = next(d for d in self.members[bus] if self._nodes[d].id == can_id & 0x7F)
-            if self.objects[drive, slots.NMT] != od.STOPPED:
+            asked = (d for d in hearing if self._nodes[d].id == can_id & 0x7F)
+            if any(self.objects[d, slots.NMT] != od.STOPPED for d in asked):
                 self.networks[bus].now_us = self.now_us
                 self.networks[bus].notify(can_id, data, self.now_us * 1e-6)
                 self._plan()
@@ -113,6 +114,8 @@ class NodeManagement:
         """Enter the NMT state that a command asks for."""
         self._tell_canopen(self._nodes[d], command)
         state = _STATES[command]
+        if state == od.STOPPED:
+            self._nodes[d].sdo.forget()
         if state == od.OPERATIONAL and self.objects[d, slots.NMT] != od.OPERATIONAL:
             self.objects[d, slots.RPDO_TIME] = -1
             for number in range(8):
@@ -185,6 +188,7 @@ class NodeManagement:
         for node in self._nodes:
             if node.consumer[1] and node.heard_us >= 0:
                 deadline = min(deadline, node.heard_us + node.consumer[1] + 1)
+            deadline = min(deadline, node.sdo.due_us)
         self.deadline_us = deadline
 
     def serve_timers(self) -> None:
@@ -203,7 +207,18 @@ class NodeManagement:
                     self._enter(d, od.NMT_PRE_OPERATIONAL)
                 elif behaviour == 2:
                     self._enter(d, od.NMT_STOP)
+            if self.now_us >= node.sdo.due_us:
+                node.sdo.time_out()
         self._plan()
+
+    def switch_off(self, drive: int) -> None:
+        """Take a drive's supply away: its state is lost, its brake closes, it leaves the bus."""
+        self._boot(drive, od.NMT_RESET_NODE)
+        self.objects[drive, slots.OFF_BUS] = 1
+
+    def switch_on(self, drive: int) -> None:
+        """Let a drive power on: its boot-up message follows."""
+        self._boot(drive, od.NMT_RESET_NODE)
 
     # --- faults and emergencies ------------------------------------------------------
 

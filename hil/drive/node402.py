@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from dftc_rt.bus.frame import Frames
 from hil.drive import service, slots
+from hil.drive.late import LateAnswers
 from hil.drive.management import NodeManagement
 from hil.drive.spec import DriveSpec
 
@@ -67,6 +68,7 @@ class Cia402Drives:
         self.state = self.objects[:, slots.STATE]
         self.commands = self.objects[:, slots.COMMANDS]
         self.synced = self.switched = False
+        self._late = LateAnswers(len(specs))
         self._sync = [-1] * buses  # counter of a SYNC that is to be answered
         self.senders = np.zeros(_CAPACITY, dtype=np.int32)
         nothing = np.zeros((1, 16), dtype=np.uint8)
@@ -154,10 +156,14 @@ class Cia402Drives:
         if outbox:
             taken = min(len(outbox), out.shape[0] - rows)
             for raw in outbox[:taken]:
-                out[rows] = np.frombuffer(raw, dtype=np.uint8)
-                self.senders[rows] = nodes.sender(bus, raw)
-                rows += 1
+                sender = nodes.sender(bus, raw)
+                if not self.objects[sender, slots.OFF_BUS]:
+                    out[rows] = np.frombuffer(raw, dtype=np.uint8)
+                    self.senders[rows] = sender
+                    rows += 1
             del outbox[:taken]
+        if self._late.any:
+            rows = self._late.pass_on(bus, nodes.now_us, out, rows, self.senders)
         return rows
 
     # --- what the rig may ask or do --------------------------------------------------
@@ -179,3 +185,19 @@ class Cia402Drives:
     def clear_cause(self, drive: int) -> None:
         """End a lasting cause of a fault; the fault itself waits for its reset."""
         self.objects[drive, slots.FAULT_PRESENT] = 0
+
+    def disconnect(self, drive: int, off_bus: bool) -> None:
+        """Take a drive's node off its bus, or put it back; nothing that it missed comes again."""
+        self.objects[drive, slots.OFF_BUS] = int(off_bus)
+
+    def delay(self, drive: int, delay_s: float) -> None:
+        """Let what a drive sends come ``delay_s`` later; 0: at once again, behind what waits."""
+        self._late.delay(drive, delay_s)
+
+    def switch_off(self, drive: int) -> None:
+        """Take a drive's supply away: its state is lost, its brake closes, it leaves the bus."""
+        self._nodes.switch_off(drive)
+
+    def switch_on(self, drive: int) -> None:
+        """Let a drive power on: its boot-up message follows."""
+        self._nodes.switch_on(drive)

@@ -10,41 +10,23 @@ parameter", "Abort SDO transfer protocol" (abort codes).
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from typing import Any, Final
 
 import canopen
 import numpy as np
 from canopen.sdo.exceptions import SdoAbortedError
-from canopen.sdo.server import SdoServer
 from numpy.typing import NDArray
 
 from dftc_rt.drives.cia402 import objects as co
 from dftc_rt.drives.cia402.eds import dictionary
 from dftc_rt.drives.scale import JointScale
 from hil.drive import aborts, service, slots
+from hil.drive.sdo_server import DriveSdoServer
 
 _INVALID_PDO: Final = 1 << 31
 _EXTENDED: Final = 1 << 29
 _RESTRICTED: Final = (range(0x001, 0x080), range(0x580, 0x600), range(0x600, 0x680))
-
-
-class _Server(SdoServer):
-    """canopen's SDO server, able to abort before the first valid request."""
-
-    def __init__(self, rx_cobid: int, tx_cobid: int, node: canopen.LocalNode) -> None:
-        super().__init__(rx_cobid, tx_cobid, node)  # type: ignore[no-untyped-call]
-        self._index = 0
-        self._subindex = 0
-        self._buffer = bytearray()
-
-    def abort(self, abort_code: int = aborts.GENERAL) -> None:
-        """Refuse a transfer; an error of our own is raised, where canopen would log it."""
-        error = sys.exception()
-        if abort_code == aborts.GENERAL and error is not None:
-            raise error
-        super().abort(abort_code)  # type: ignore[no-untyped-call]
 
 
 class DriveNode(canopen.LocalNode):
@@ -76,7 +58,9 @@ class DriveNode(canopen.LocalNode):
             rewired: Called when identifiers that the drive listens to have changed.
         """
         super().__init__(node_id, dictionary(node_id))
-        self.sdo = _Server(co.SDO_REQUEST + node_id, co.SDO_RESPONSE + node_id, self)
+        self.sdo: DriveSdoServer = DriveSdoServer(
+            co.SDO_REQUEST + node_id, co.SDO_RESPONSE + node_id, self
+        )
         self.scale = scale
         self.error_history: list[int] = []
         self.consumer = (0, 0)
@@ -96,6 +80,7 @@ class DriveNode(canopen.LocalNode):
             del self.data_store[index]
         self.consumer = (0, 0)
         self.heard_us = -1
+        self.sdo.forget()
         motor, shaft = self.scale.gear_ratio
         for index, subindex, value in (
             (co.RATED_TORQUE, 0, self.scale.rated_torque_mnm),

@@ -108,7 +108,7 @@ def _apply(objects: I64, pdo: I64, d: int, p: int, data: int) -> None:
 def receive(
     frames: U8, start: int, count: int, lookup: I32, members: I64, objects: I64, pdo: I64, now: int
 ) -> int:
-    """Take frames until a SYNC, a frame for Python, or the end.
+    """Take frames until a SYNC, a frame for Python, or the end; drives off the bus hear none.
 
     RPDOs of type 254 and 255 act at once, those of type 0 to 240 at the SYNC, which ends
     the call with their values in force.
@@ -143,14 +143,14 @@ def receive(
                 for p in range(4):
                     if pdo[d, p, slots.PENDING]:
                         pdo[d, p, slots.PENDING] = 0
-                        if objects[d, slots.NMT] == _OPERATIONAL:
+                        if objects[d, slots.NMT] == _OPERATIONAL and not objects[d, slots.OFF_BUS]:
                             _apply(objects, pdo, d, p, pdo[d, p, slots.DATA])
             return (r + 1) * 4 + AT_SYNC
         while what >= 0:
             d = what >> 2
             p = what & 3
             what = pdo[d, p, slots.NEXT]
-            if objects[d, slots.NMT] != _OPERATIONAL:
+            if objects[d, slots.NMT] != _OPERATIONAL or objects[d, slots.OFF_BUS]:
                 continue
             if (head >> 32) & 0xFF < pdo[d, p, slots.LENGTH]:
                 objects[d, slots.LENGTH_ERROR] = 1
@@ -244,7 +244,7 @@ def answer(
         d = members[k]
         if objects[d, slots.RESET_PENDING] or objects[d, slots.LENGTH_ERROR]:
             attention += 1
-        if objects[d, slots.NMT] != _OPERATIONAL:
+        if objects[d, slots.NMT] != _OPERATIONAL or objects[d, slots.OFF_BUS]:
             continue
         for p in range(4, 8):
             row = pdo[d, p]

@@ -45,7 +45,8 @@ WATCHDOG: Final = 23  # longest time between RPDOs while enabled, µs; 0: off
 TIMED_OUT: Final = 24  # 1: the watchdog fired and has not been dealt with
 STANDSTILL: Final = 25  # speed that counts as standing, counts/s
 DUMMY: Final = 26  # where RPDO gaps (objects 0002h to 0007h) go
-N_OBJECTS: Final = 27
+OFF_BUS: Final = 27  # 1: the node neither sends nor hears
+N_OBJECTS: Final = 28
 
 # --- pdo: columns of one PDO
 VALID: Final = 0

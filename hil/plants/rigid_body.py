@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from dftc_rt.config.scenario import DriveTable, PlantTable
 from dftc_rt.dynamics.model import Robot
+from hil.faults import LOCK
 from hil.plants import layout
 from hil.plants.dynamics import forward_dynamics
 from hil.plants.friction import bend, joint_parameters, resist
@@ -87,6 +88,7 @@ class RigidBodyPlant:
         fault: 1.0 while a fault of the joint, or of the arm as a whole, is active, (n,).
         rows: State as the kernels have it, (N_STATE, n): :mod:`hil.plants.layout`.
         released: Whether each brake is open, (n,), bool; set through :meth:`set_brakes`.
+        locked: Whether a fault blocks the joint, (n,), bool.
     """
 
     def __init__(
@@ -134,8 +136,11 @@ class RigidBodyPlant:
         self.q, self.v = q0.astype(np.float64).copy(), np.zeros(n)
         self._v0 = v0.astype(np.float64).copy()
         self.released = np.zeros(n, dtype=bool)
-        self._all_released = False
-        self._any_released = False
+        self.locked = np.zeros(n, dtype=bool)
+        self._locks = faults[faults["profile"] == LOCK]
+        self._free = np.zeros(n, dtype=bool)  # neither braked nor locked
+        self._all_free = False
+        self._any_free = False
         self._steps = 0
         self.reveal()
 
@@ -152,26 +157,40 @@ class RigidBodyPlant:
         """Open and close brakes; a brake that closes takes the joint's velocity at once."""
         if np.array_equal(released, self.released):
             return
-        opened = released & ~self.released
-        closed = ~released & self.released
+        opened = released & ~self.released & ~self.locked
         self.v[opened] = self._v0[opened]
         self._v0[opened] = 0.0
-        if closed.any():
-            # Inelastic: M (v+ - v) = J^T impulse with v+ = 0 on every closed brake.
-            held = ~released
+        self.released[:] = released
+        self._hold()
+        self.rows[layout.MOTOR, ~released] = 0.0
+        self.rows[layout.LAGGED, ~released] = 0.0
+
+    def _lock(self) -> None:
+        """Block and free the joints that faults lock at this time, at once as a brake does."""
+        t = self.t
+        active = self._locks[(self._locks["start"] <= t) & (t < self._locks["end"])]
+        locked = np.zeros(self.n, dtype=bool)
+        locked[active["joint"]] = True
+        if not np.array_equal(locked, self.locked):
+            self.locked[:] = locked
+            self._hold()
+
+    def _hold(self) -> None:
+        """Take the velocity of the joints that are no longer free."""
+        free = self.released & ~self.locked
+        if (self._free & ~free).any():
+            # Inelastic: M (v+ - v) = J^T impulse with v+ = 0 on every joint that is held.
+            held = ~free
             M = self._dynamics.mass_matrix(self.q)
-            free = released
             v_held = self.v[held].copy()
             self.v[held] = 0.0
             if free.any():
                 self.v[free] += np.linalg.solve(
                     M[np.ix_(free, free)], M[np.ix_(free, held)] @ v_held
                 )
-        self.released[:] = released
-        self._all_released = bool(released.all())
-        self._any_released = bool(released.any())
-        self.rows[layout.MOTOR, ~released] = 0.0
-        self.rows[layout.LAGGED, ~released] = 0.0
+        self._free[:] = free
+        self._all_free = bool(free.all())
+        self._any_free = bool(free.any())
 
     def advance(self, steps: int) -> None:
         """Integrate ``steps`` substeps of ``dt``."""
@@ -179,6 +198,8 @@ class RigidBodyPlant:
             return
         rows, q, v, tau, dt = self.rows, self.q, self.v, self._tau, self.dt
         alpha, faults, joints = self._alpha, self._faults, self._joints
+        if self._locks.size:
+            self._lock()
         _torques(self._steps * dt, dt, alpha, faults, rows, v, joints, tau)
         for left in range(steps - 1, -1, -1):
             a = self._acceleration()
@@ -192,22 +213,22 @@ class RigidBodyPlant:
         """Forward dynamics under the brakes, (n,), rad/s^2."""
         if self._outside is not None:
             self._outside.push(self._steps * self.dt, self.q, self._tau)
-        if self._all_released:
+        if self._all_free:
             return self._dynamics.acceleration(self.q, self.v, self._tau, self._added)
-        if self._any_released:
+        if self._any_free:
             return self._constrained()
-        self.applied[:] = 0.0  # a drive whose brake is closed is off
+        self.applied[:] = 0.0  # nothing of it reaches a link
         return self._at_rest
 
     def _constrained(self) -> F64:
-        """Acceleration, (n,), with the closed brakes' joints at rest."""
+        """Acceleration, (n,), with the joints at rest that brakes or faults hold."""
         h = self._dynamics.bias(self.q, self.v)
         M = self._dynamics.mass_matrix(self.q)
         if self._added is not None:
             M = M + np.diag(self._added)
-        free = self.released
+        free = self._free
         a = np.zeros(self.n)
         a[free] = np.linalg.solve(M[np.ix_(free, free)], (self._tau - h)[free])
-        self.motor[~free] = 0.0
+        self.motor[~self.released] = 0.0  # off; a motor that is blocked pushes on
         self.applied[~free] = 0.0
         return a

@@ -53,7 +53,10 @@ def test_faults_of_the_whole_arm_have_no_joint(make: Maker) -> None:
 def test_every_kind_is_an_actuators_or_not() -> None:
     faults = [fault for fault in get_args(Fault) if not issubclass(fault, OnBus)]
     kinds = {fault.__struct_config__.tag for fault in faults}
-    assert kinds - ACTUATOR_KINDS == {"payload", "contact", "friction"}
+    assert kinds - ACTUATOR_KINDS == {
+        "payload", "contact", "friction", "emcy", "silent", "late", "restart",
+        "sensor_bias", "sensor_frozen", "sensor_noise", "sensor_bits",
+    }  # fmt: skip
 
 
 def test_no_scenario_no_faults(make: Maker) -> None:

@@ -8,12 +8,21 @@ import pytest
 from dftc_rt.config.faults import (
     BiasFault,
     ContactFault,
+    EmcyFault,
     Fault,
     FrictionFault,
     IntermittentFault,
+    LateFault,
+    LockFault,
     LossFault,
     PayloadFault,
     RampFault,
+    RestartFault,
+    SensorBiasFault,
+    SensorBitsFault,
+    SensorFrozenFault,
+    SensorNoiseFault,
+    SilentFault,
     SineFault,
     TotalFault,
 )
@@ -93,3 +102,25 @@ def test_bad_faults_are_refused(fault: Fault, where: str) -> None:
     with pytest.raises(InputError) as caught:
         compile_faults([fault], JOINTS)
     assert caught.value.where == where
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        EmcyFault(joint="b", start_s=1.0, end_s=2.0, error_code=0x5000),
+        SilentFault(joint="b", start_s=1.0, end_s=2.0),
+        LateFault(joint="b", start_s=1.0, end_s=2.0, delay_s=0.01),
+        RestartFault(joint="b", start_s=1.0, boot_s=1.0),
+        SensorBiasFault(joint="b", start_s=1.0, end_s=2.0, bias_rad=0.1),
+        SensorFrozenFault(joint="b", start_s=1.0, end_s=2.0),
+        SensorNoiseFault(joint="b", start_s=1.0, end_s=2.0),
+        SensorBitsFault(joint="b", start_s=1.0, end_s=2.0, bits=4),
+    ],
+)
+def test_drives_and_sensors_that_fail_take_no_share_of_the_torque(fault: Fault) -> None:
+    assert [_rho(fault, t) for t in (0.999, 1.0, 1.999, 2.0)] == [1.0] * 4
+
+
+def test_a_locked_joint_has_no_effectiveness() -> None:
+    fault = LockFault(joint="b", start_s=1.0, end_s=2.0)
+    assert [_rho(fault, t) for t in (0.999, 1.0, 1.999, 2.0)] == [1.0, 0.0, 0.0, 1.0]
