@@ -102,19 +102,34 @@ def exact_bits(frames: Frames, row: int) -> int:
     return total + stuff + _UNSTUFFED
 
 
-@numba.njit("void(uint8[:, ::1], int64, int64[::1])", cache=True)
-def charge(frames: Frames, count: int, totals: NDArray[np.int64]) -> None:
+@numba.njit("void(uint8[:, ::1], int64, int64[::1], float64, float64[::1])", cache=True)
+def charge(
+    frames: Frames,
+    count: int,
+    totals: NDArray[np.int64],
+    bit_s: float,
+    latency: NDArray[np.float64],
+) -> None:
     """Add the bits of the first ``count`` frames to ``totals``.
 
     Args:
-        frames: Classical batch, uint8, shape ``(capacity, 16)``.
+        frames: Classical batch, uint8, shape ``(capacity, 16)``, in wire order, ready together.
         count: Rows to charge for.
         totals: Written in place, shape ``(4,)``: frames, nominal, exact, worst-case bits.
+        bit_s: Length of a bit, s.
+        latency: Longest time until a frame was through, s, by 11-bit identifier, raised in
+            place, shape ``(2048,)``.
     """
+    elapsed = 0
     for row in range(count):
         extended = frames[row, 3] >> 7
         stuffed = (_STUFFED_29 if extended else _STUFFED_11) + 8 * data_bytes(frames, row)
         totals[0] += 1
         totals[1] += stuffed + _UNSTUFFED
-        totals[2] += exact_bits(frames, row)
+        exact = exact_bits(frames, row)
+        totals[2] += exact
         totals[3] += stuffed + _UNSTUFFED + (stuffed - 1) // 4
+        elapsed += exact
+        if not extended:
+            number = can_id(frames, row) & 0x7FF
+            latency[number] = max(latency[number], elapsed * bit_s)

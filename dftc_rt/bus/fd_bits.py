@@ -137,8 +137,15 @@ def exact_fd_bits(frames: Frames, row: int) -> tuple[int, int]:
     return slow + fast, 0
 
 
-@numba.njit("void(uint8[:, ::1], int64, int64[::1])", cache=True)
-def charge_fd(frames: Frames, count: int, totals: NDArray[np.int64]) -> None:
+@numba.njit("void(uint8[:, ::1], int64, int64[::1], float64, float64, float64[::1])", cache=True)
+def charge_fd(
+    frames: Frames,
+    count: int,
+    totals: NDArray[np.int64],
+    bit_s: float,
+    data_bit_s: float,
+    latency: NDArray[np.float64],
+) -> None:
     """Add the bits of the first ``count`` frames of a bus that carries FD frames to ``totals``.
 
     Args:
@@ -146,13 +153,22 @@ def charge_fd(frames: Frames, count: int, totals: NDArray[np.int64]) -> None:
         count: Rows to charge for.
         totals: Written in place, shape ``(7,)``: frames; nominal, exact, worst-case bits at the
             bit rate; the same at the data bit rate.
+        bit_s: Length of a bit, s.
+        data_bit_s: Length of a bit of the data part, s.
+        latency: Longest time until a frame was through, s, by 11-bit identifier, raised in
+            place, shape ``(2048,)``.
     """
     one = np.zeros(4, dtype=np.int64)
+    elapsed = 0.0
     for row in range(count):
+        number = can_id(frames, row) & 0x7FF
         if not frames[row, 5] & FDF:
             one[:] = 0
-            charge(frames[row : row + 1], 1, one)
+            charge(frames[row : row + 1], 1, one, bit_s, latency)
             totals[:4] += one
+            elapsed += one[2] * bit_s
+            if not frames[row, 3] >> 7:
+                latency[number] = max(latency[number], elapsed)
             continue
         length = int(np.int64(frames[row, 4]))
         before = _ARBITRATION_29 if frames[row, 3] >> 7 else _ARBITRATION_11
@@ -169,3 +185,6 @@ def charge_fd(frames: Frames, count: int, totals: NDArray[np.int64]) -> None:
         totals[4] += fast if brs else 0
         totals[5] += exact_fast
         totals[6] += fast + late if brs else 0
+        elapsed += exact * bit_s + exact_fast * data_bit_s
+        if not frames[row, 3] >> 7:
+            latency[number] = max(latency[number], elapsed)

@@ -21,6 +21,7 @@ from dftc_rt.drives.wiring import bus_names
 from dftc_rt.errors import InputError
 from dftc_rt.ring import EventRing, Ring
 from dftc_rt.rt.process import RealTime, last_core, name_process, report_refused
+from hil.bus.statistics import BusStatistics
 from hil.loop import run_lockstep, run_wall
 
 
@@ -92,6 +93,7 @@ def rig(
             real_time = RealTime(RIG_PRIORITY, last_core())
             report_refused("rig", real_time.refused)
             run_wall(made, ports, lambda: ended[0])
+        statistics = {port.name: port.statistics for port in ports}
         found = {
             "rig_time_s": made.t,
             "steps": made.steps,
@@ -102,7 +104,7 @@ def rig(
                     opened.robot.joints, made.plant.q.tolist(), made.plant.v.tolist(), strict=True
                 )
             },
-            "buses": {port.name: msgspec.to_builtins(port.statistics) for port in ports},
+            "buses": {name: msgspec.to_builtins(each) for name, each in statistics.items()},
         }
         for port in ports:
             port.close()
@@ -116,4 +118,20 @@ def rig(
         sys.stdout.write(msgspec.json.encode(found).decode() + "\n")
     else:
         print(f"served {made.steps} cycles in {made.t:.3f} s of rig time")
+        for name, bus_found in statistics.items():
+            print(traffic(name, bus_found, made.t))
     return 0
+
+
+def traffic(name: str, found: BusStatistics, duration_s: float) -> str:
+    """One line on what has gone over a bus."""
+    line = f"{name}: {found.frames} frames"
+    if found.exact_bits and duration_s > 0.0:
+        line += f", {found.load(duration_s):.1%} of the time"
+    if found.latency_us:
+        slowest = max(found.latency_us, key=lambda number: found.latency_us[number])
+        line += f", through within {found.latency_us[slowest]:.0f} µs (the slowest: {slowest})"
+    for word in ("dropped", "malformed", "lost", "errors", "duplicated", "delayed", "babbled"):
+        if count := getattr(found, word):
+            line += f", {count} {word}"
+    return line

@@ -19,6 +19,8 @@ class BusStatistics:
         nominal_data_bits: Bits at that rate, which the counts above leave out.
         exact_data_bits: The same with their own stuffing.
         worst_data_bits: The same with the most stuffing.
+        latency_us: Longest time from readiness until a frame was through, µs, by 11-bit
+            identifier: the frames that were handed over with it and won against it, and its own.
         dropped: Frames lost to clients that did not read them in time, clients that
             have left included.
         malformed: Records from clients that are no CAN frame.
@@ -40,6 +42,7 @@ class BusStatistics:
     nominal_data_bits: int
     exact_data_bits: int
     worst_data_bits: int
+    latency_us: dict[str, float]
     dropped: int
     malformed: int
     clients: int

@@ -79,6 +79,7 @@ class VirtualBus:
         self._answer: Client | None = None
         self._barrier_sender = BarrierSender()
         self._totals = np.zeros(7, dtype=np.int64)
+        self._latency = np.zeros(2048)
         self._departed = 0
         self._dropped = 0
         self._malformed = 0
@@ -209,6 +210,10 @@ class VirtualBus:
             nominal_data_bits=int(self._totals[_FAST + _NOMINAL]),
             exact_data_bits=int(self._totals[_FAST + _EXACT]),
             worst_data_bits=int(self._totals[_FAST + _WORST]),
+            latency_us={
+                f"0x{number:03x}": round(1e6 * float(self._latency[number]), 1)
+                for number in np.flatnonzero(self._latency)
+            },
             dropped=self._dropped + sum(client.dropped for client in self._clients),
             malformed=self._malformed + sum(client.malformed for client in self._clients),
             clients=len(self._clients),
@@ -328,8 +333,9 @@ class VirtualBus:
 
     def _charge(self, frames: Frames, count: int) -> None:
         if self._account and self._data_bitrate is not None:
-            charge_fd(frames, count, self._totals)
+            bit_s, data_bit_s = 1.0 / self._bitrate, 1.0 / self._data_bitrate
+            charge_fd(frames, count, self._totals, bit_s, data_bit_s, self._latency)
         elif self._account:
-            charge(frames, count, self._totals)
+            charge(frames, count, self._totals, 1.0 / self._bitrate, self._latency)
         else:
             self._totals[_FRAMES] += count

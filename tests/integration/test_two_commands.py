@@ -54,7 +54,11 @@ def test_end_to_end_twice(rig: Started, mode: tuple[str, ...], tmp_path: Path) -
         assert np.abs(error).max() < 0.1
     rig.process.send_signal(signal.SIGINT)
     assert rig.end() == 0
-    assert json.loads(rig.out)["rig_time_s"] > 2.0
+    found = json.loads(rig.out)
+    assert found["rig_time_s"] > 2.0
+    latency = found["buses"]["can0"]["latency_us"]
+    assert 47.0 <= latency["0x080"] < 1000.0  # SYNC: alone, or behind commands in lock-step
+    assert {"0x181", "0x201"} <= latency.keys()
     assert not (tmp_path / "bus" / "can0").exists()
 
 

@@ -107,7 +107,14 @@ def test_charge_adds_up() -> None:
     for row, (can_id, data) in enumerate(sent):
         frames[row] = np.frombuffer(pack(can_id, data), dtype=np.uint8)
     totals = np.array([10, 0, 0, 0], dtype=np.int64)
-    charge(frames, 3, totals)
+    latency = np.zeros(2048)
+    charge(frames, 3, totals, 1e-6, latency)
+    bits = [exact_bits(frames, row) for row in range(3)]
+    for row in range(3):
+        number = int.from_bytes(frames[row, :4].tobytes(), "little")
+        if not number & EFF_FLAG:
+            assert latency[number & 0x7FF] == pytest.approx(1e-6 * sum(bits[: row + 1]))
+    assert (latency > 0).sum() >= 1
     assert totals[0] == 13
     assert totals[1] == 47 + (67 + 24) + 47
     assert totals[2] == sum(stuffed_length(can_id, data) for can_id, data in sent)
