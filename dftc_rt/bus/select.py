@@ -61,7 +61,7 @@ def choose_bus(
         if kind is None:
             raise EnvironmentLacksError(
                 f"no interface {name} for the bus {bus}",
-                f"ip link add {name} type vcan && ip link set {name} up, as root; or --bus unix",
+                f"dftc bus up {','.join(buses)}, as root; or --bus unix",
             )
         if kind != "vcan":
             raise InputError(name, f"a link of kind {kind or 'hardware'}", "kind vcan")
