@@ -119,6 +119,28 @@ def test_other_ranges_another_host_id_and_longer_answers_do_as_well() -> None:
     assert rms(done.cycle["q"][late] - done.cycle["qd"][late]) < 1e-3
 
 
+def test_joints_without_limits_turn_beyond_the_range_of_a_drive_that_wraps(tmp_path: Path) -> None:
+    scenario = tmp_path / "kinova.toml"
+    scenario.write_text(
+        """
+        name = "kinova"
+        duration_s = 3.0
+        robot.urdf = "kinova_description/robots/kinova.urdf"
+        reference.amplitude_rad = 0.35
+        bus.profile = "mit"
+        bus.mit.position_wraps = true
+        bus.mit.p_max_rad = [0.1, 5.5, 6.0, 12.5, 5.8, 12.5]
+        """
+    )
+    done, outcome = run_simulation(open_session(scenario))
+    assert outcome.end_state == "done"
+    assert done.rig is not None
+    assert np.abs(done.rig["q"][:, 0]).max() > 0.15
+    cycles = min(len(done.cycle["q"]), len(done.rig["q"]))
+    wrong = done.cycle["q"][:cycles] - done.rig["q"][:cycles]
+    assert np.abs(wrong).max() < 1e-3
+
+
 def test_a_safe_stop_leaves_no_drive_in_motor_mode() -> None:
     settings = [
         'bus.profile="mit"',
