@@ -295,7 +295,8 @@ def test_can_logger_writes_what_it_hears(rig: Served, tmp_path: Path) -> None:
                 time.sleep(0.05)
         process.send_signal(2)
         assert process.wait(PATIENCE_S) == 0
-    assert next(m.arbitration_id for m in can.LogReader(log)) == 0x123
+    with can.LogReader(log) as reader:
+        assert {m.arbitration_id for m in reader} == {0x123}
 
 
 def test_can_viewer_shows_what_it_hears(rig: Served) -> None:
