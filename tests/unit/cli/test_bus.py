@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import socket
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from dftc_rt.bus import vcan_links
 from dftc_rt.cli import bus_links
 from dftc_rt.cli.main import run
 from dftc_rt.errors import EnvironmentLacksError
@@ -19,14 +22,6 @@ BARE = """name = "bare"
 [robot]
 urdf = "ur_description/urdf/ur5_robot.urdf"
 """
-
-
-def has_socketcan() -> bool:
-    try:
-        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
-    except OSError:
-        return False
-    return True
 
 
 def answer(capfd: Lines, *arguments: str, code: int = 0) -> tuple[Any, str]:
@@ -149,8 +144,17 @@ def test_links_of_a_scenario_and_of_a_list(
     assert capfd.readouterr().out == "".join(f"{link}: removed\n" for link in links)
 
 
-@pytest.mark.skipif(has_socketcan(), reason="this kernel has SocketCAN")
-def test_up_without_socketcan_says_what_to_do(capfd: Lines) -> None:
+def test_up_without_socketcan_says_what_to_do(
+    capfd: Lines, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unknown_family(family: int, *_: int) -> None:
+        assert family == socket.AF_CAN
+        raise OSError(errno.EAFNOSUPPORT, "Address family not supported by protocol")
+
+    kernel = SimpleNamespace(
+        socket=unknown_family, AF_CAN=socket.AF_CAN, SOCK_RAW=socket.SOCK_RAW, CAN_RAW=1
+    )
+    monkeypatch.setattr(vcan_links, "socket", kernel)
     assert run(["bus", "up", "can0"]) == EnvironmentLacksError.exit_code == 3
     out, err = capfd.readouterr()
     assert out == ""
