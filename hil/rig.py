@@ -126,14 +126,12 @@ class Rig:
         self.ports = list(ports)
         for index, (name, port) in enumerate(zip(names, self.ports, strict=True)):
             if found := of_bus(scenario.fault, name, names):
-                size = port.frame_size
-                port.impair(Impairments(name, found, scenario.seed, index, event, size))
+                port.impair(Impairments(name, found, scenario.seed, index, event, port.frame_size))
         self._sink = sink
         self._event = event
         self._inbox = frame_buffer(_CAPACITY, frame_size(scenario.bus))
         self._out = frame_buffer(_CAPACITY, frame_size(scenario.bus))
         self._synced = [False] * len(names)
-        self._switched = False  # in lock-step, since the last barrier
         self._last_commands = np.zeros(n, dtype=np.int64)
         self._age = np.zeros(n)
         self.steps = 0
@@ -168,14 +166,13 @@ class Rig:
             if not port.barrier_pending:
                 return
         cycles = [port.pop_barrier() for port in self.ports]
-        if any(self._synced) or (self._switched and self.steps):
+        if any(self._synced):
             if self.steps:
                 self.plant.advance(self._substeps)
             self._latch()
             for bus, port in enumerate(self.ports):
                 self._answer(bus, port)
                 self._synced[bus] = False
-        self._switched = False
         for port, cycle in zip(self.ports, cycles, strict=True):
             port.send_barrier(cycle or 0)
 
@@ -197,7 +194,7 @@ class Rig:
             row = 0
             while row < count:
                 row = self.drives.receive(bus, self._inbox, row, count)
-                synced = synced or self.drives.synced or (self.steps > 0 and self.drives.switched)
+                synced = synced or self._starts_cycle()
         if synced:
             if not self.steps or now - self._last_step > 0.5 * self._period * NS:
                 self._step_wall(now)
@@ -260,17 +257,21 @@ class Rig:
     # -- shared -------------------------------------------------------------------------
 
     def _take(self, bus: int) -> None:
-        """Hand over what has come on one bus; SDO and NMT are answered at once."""
+        """Hand over what has come on one bus; what is of no cycle is answered at once."""
         port = self.ports[bus]
         count = port.receive(self._inbox)
-        row = 0
+        row, prompt = 0, False
         while row < count:
             row = self.drives.receive(bus, self._inbox, row, count)
-            if self.drives.synced:
+            if self._starts_cycle():
                 self._synced[bus] = True
-            self._switched = self._switched or self.drives.switched
-        if count and not self._synced[bus]:
+            prompt = prompt or self.drives.repeated
+        if prompt or (count and not self._synced[bus]):
             self._answer(bus, port)
+
+    def _starts_cycle(self) -> bool:
+        """Return whether what the drives have just taken starts a cycle."""
+        return self.drives.synced or (self.steps > 0 and self.drives.switched)
 
     def _latch(self) -> None:
         """End a step: timers, new torque commands and brakes, sensors, the record."""

@@ -50,12 +50,12 @@ BEYOND_SHARE: Final = 0.01
 over ρ(t) exceeds the limit for more than this share of the time from the fault to its end."""
 
 DRAWS: Final = ("tuning", "sealed")
-# A sealed draw serves once: 300001 to 499999 were one, and what it showed changed the method.
+# A sealed draw serves once: 300001 to 699999 were two, and what they showed changed the method.
 _FIRST: Final = {
     ("faults", "tuning"): 100_001,
     ("negative", "tuning"): 200_001,
-    ("faults", "sealed"): 500_001,
-    ("negative", "sealed"): 600_001,
+    ("faults", "sealed"): 700_001,
+    ("negative", "sealed"): 800_001,
 }
 SEEDS: Final = 99_999
 """Seeds that a draw has. Calibration uses those from 1001 on."""

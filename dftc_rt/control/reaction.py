@@ -26,11 +26,12 @@ SENSOR_S: Final = 0.1
 _KEEP_S: Final = 1.0  # a payload change that has been explained for so long is a fact
 _NEEDED: Final = 6.0  # residual floors of torque from which a joint must feel its motor
 _SHARE: Final = 0.25  # of φ that the motion itself must need
-_GROWN: Final = 1.4
+_GROWN: Final = 1.7
 _GROWTH: Final = 0.06  # of the torque limit, and what y may answer
 _ANSWER: Final = 0.3  # of it
+_ALL: Final = 0.95  # of the limit: φ cannot grow any more
 _HANDED: Final = 0.01  # from the gain that is wanted: the hand-over is done
-_POWERLESS_S: Final = 0.02
+_POWERLESS_S: Final = 0.06  # contacts of 20 N have looked so for 51 ms
 
 
 @njit(**_CACHE)
@@ -133,12 +134,14 @@ def powerless(p: Any, x: Any) -> bool:
     Under an additive torque y grows with φ, whatever its size; without a motor it stays at
     zero, where it would be anyway if the motion needed nothing: the desired motion has to need
     torque. φ has to grow, by a share of what it was and of the limit, which the compensation sees
-    to, and y must not answer: a push may cancel the motor, but hardly follow it.
+    to, and y must not answer: a push may cancel the motor, but hardly follow it. Or φ is at the
+    limit all the while.
     """
     least = max(_NEEDED * p.floor, p.load_fraction * p.limit)
     size = abs(x.phi_f)
     needed = x.need_f if x.phi_f > 0.0 else -x.need_f
-    if needed < max(least, _SHARE * size) or abs(x.y_f) > p.rho_min * size:
+    start = size if x.low_for == 0.0 else abs(x.low_phi)
+    if needed < max(least, _SHARE * start) or abs(x.y_f) > p.rho_min * size:
         x.low_for = 0.0
         return False
     if x.low_for == 0.0:
@@ -149,8 +152,8 @@ def powerless(p: Any, x: Any) -> bool:
     x.low_pp += growth * growth
     x.low_py += growth * x.y_f
     least = max((_GROWN - 1.0) * abs(x.low_phi), _GROWTH * p.limit)
-    grown = growth * x.low_phi > 0.0 and abs(growth) > least
-    return bool(x.low_for >= _POWERLESS_S and grown and x.low_py < _ANSWER * x.low_pp)
+    grown = growth * x.low_phi > 0.0 and abs(growth) > least and x.low_py < _ANSWER * x.low_pp
+    return bool(x.low_for >= _POWERLESS_S and (grown or size > _ALL * p.limit))
 
 
 @njit(**_CACHE)

@@ -100,7 +100,7 @@ NUMBERS: Final[tuple[Setting, ...]] = (
     Setting("walk_fault", 0.3, 0.3, "1/√s", "random walk of ρ under an anomaly or a loss"),
     Setting("rls_memory_s", 0.2, 0.2, "s", "memory of the estimator `rls`", 1e-3),
     Setting("rho_std_max", 0.3, 0.3, "1", "standard deviation of ρ̂ at the start, and its bound"),
-    Setting("std_scale", 0.75, 0.75, "1", "on the filter's standard deviation, as it is logged"),
+    Setting("std_scale", 0.65, 0.65, "1", "on the filter's standard deviation, as it is logged"),
     Setting("warmup_s", 0.2, 0.0, "s", "nothing is estimated before this time"),
     # decision
     Setting("rho_step", 0.2, 0.2, "1", "CUSUM tests ρ = 1 ∓ this against 1", 0.01, 0.99),

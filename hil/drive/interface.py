@@ -24,8 +24,10 @@ class EmulatedDrives(Protocol):
         senders: Drive of each row of the last answer, (>= rows,), int32.
         synced: Whether the last :meth:`receive` took what starts a cycle: SYNC, or where
             there is none a torque command. Its answers are of the state at the step's end.
-        switched: Whether it took what puts a drive into another mode and is answered at
-            once. A cycle in which nothing else comes is a step as well.
+        switched: Whether it took what puts a drive into another mode where there is no SYNC.
+            Before the first cycle that is answered at once; later it starts a cycle, too.
+        repeated: Whether that came again before its answer: outside of a cycle, and in
+            lock-step not to be kept waiting for the end of one.
     """
 
     objects: I64
@@ -34,6 +36,7 @@ class EmulatedDrives(Protocol):
     senders: NDArray[np.int32]
     synced: bool
     switched: bool
+    repeated: bool
 
     def tick(self, t: float) -> None:
         """Let rig time move on to ``t``, s: timers and watchdogs."""

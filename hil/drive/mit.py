@@ -37,6 +37,7 @@ class MitDrives:
             Torques are in half steps of ``MitScale``.
         synced: Whether the last :meth:`receive` took a command.
         switched: Whether it took a special frame.
+        repeated: Whether that was for a drive that still had a frame to answer.
         command: View of ``objects``: torque to follow, (n,), half steps.
         operation_enabled: View: 1 in motor mode, (n,).
         commands: View: commands taken so far, (n,).
@@ -59,8 +60,6 @@ class MitDrives:
             raise InputError("drives", "a drive without ranges", "MIT drives")
         self._members = members_of(specs, buses)
         self._lookups = [np.full(2048, -1, dtype=np.int32) for _ in range(buses)]
-        self._prompt = [frame_buffer(_CAPACITY) for _ in range(buses)]
-        self._prompts = [np.zeros(1 + _CAPACITY, dtype=np.int64) for _ in range(buses)]
         table = ScaleTable.of(scales).values
         self._wire = wire_table(scales)
         self._radians = np.abs(table[RAD_PER_COUNT])
@@ -77,7 +76,7 @@ class MitDrives:
         self.operation_enabled = self.objects[:, slots.ENABLED]
         self.commands = self.objects[:, slots.COMMANDS]
         self.senders = np.zeros(_CAPACITY, dtype=np.int32)
-        self.synced = self.switched = False
+        self.synced = self.switched = self.repeated = False
         self._now = 0
         nothing = frame_buffer(1)
         self.tick(0.0)  # compile now
@@ -105,10 +104,11 @@ class MitDrives:
         """
         what: int = service.receive(
             frames, start, count, self._lookups[bus], self.objects, self._own, self._wire,
-            self._radians, self._prompt[bus], self._prompts[bus], self._now,
+            self._radians, self._now,
         )  # fmt: skip
         self.synced = bool(what & service.SYNCED)
         self.switched = bool(what & service.SWITCHED)
+        self.repeated = bool(what & service.REPEATED)
         return count
 
     def answer(self, bus: int, out: Frames) -> int:
@@ -120,7 +120,7 @@ class MitDrives:
         """
         rows: int = service.answer(
             out, self.senders, self._members[bus], self.objects, self._own, self._wire,
-            self._radians, self._prompt[bus], self._prompts[bus],
+            self._radians,
         )  # fmt: skip
         return rows
 

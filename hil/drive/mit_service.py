@@ -1,8 +1,7 @@
 """What the emulated MIT drives do with a frame: kernels over all drives, no Python objects.
 
-A drive answers every frame that is addressed to it. A special frame is answered at once; a
-command once the rig has moved on to it, so that the answer is of that moment. In motor mode
-the torque is
+A drive answers every frame that is addressed to it, once the rig has moved on to it, so that
+the answer is of that moment. In motor mode the torque is
 
     t_ff + kp (p_des − p) + kd (v_des − v)
 
@@ -33,11 +32,12 @@ NODE: Final = 0  # node id
 HOST: Final = 1  # identifier of the answers
 LENGTH: Final = 2  # bytes of an answer
 ORIGIN: Final = 3  # encoder counts at the drive's zero
-PENDING: Final = 4  # commands that are to be answered
+PENDING: Final = 4  # frames that are to be answered
 OWN: Final = 5
 
 SYNCED: Final = 1  # receive: a command was taken
 SWITCHED: Final = 2  # receive: a special frame was taken
+REPEATED: Final = 4  # receive: one was, for a drive that has not answered the last frame yet
 
 _TEMPERATURE: Final = 30  # °C, of a motor that never gets warm
 _MAX_FRAME: Final = 0x7FF
@@ -115,8 +115,6 @@ def receive(
     own: I64,
     wire: F64,
     radians: F64,
-    prompt: U8,
-    prompts: I64,
     now: int,
 ) -> int:
     """Take frames of one bus.
@@ -130,12 +128,10 @@ def receive(
         own: All drives, (n, OWN).
         wire: From ``scale.wire_table``.
         radians: One encoder count, (n,), rad.
-        prompt: Answers to special frames, written behind those that wait, (capacity, 16).
-        prompts: Element 0: how many answers wait there; 1 and on: whose they are.
         now: Rig time, µs.
 
     Returns:
-        SYNCED, SWITCHED, both or neither.
+        Sum of those that hold of SYNCED, SWITCHED and REPEATED.
     """
     heads = frames.view(np.int64)
     codes = np.empty(5, dtype=np.int64)
@@ -150,26 +146,22 @@ def receive(
             continue
         row = objects[d]
         row[slots.RPDO_TIME] = now
+        own[d, PENDING] += 1
         asked = codec.special(frames, r)
         if asked == codec.TORQUE:
             what |= SYNCED
             row[slots.COMMANDS] += 1
-            own[d, PENDING] += 1
             if row[slots.ENABLED]:
                 codec.decode_command(frames, r, codes)
                 _follow(codes, d, objects, own, wire, radians)
             continue
-        what |= SWITCHED
+        what |= SWITCHED if own[d, PENDING] == 1 else SWITCHED | REPEATED
         if asked == codec.ZERO_HERE:
             own[d, ORIGIN] = row[slots.POSITION]
         elif asked == codec.LEAVE:
             _leave(row)
         elif row[slots.ERROR_CODE] == 0:
             row[slots.ENABLED] = 1
-        if prompts[0] < prompt.shape[0]:
-            write_answer(prompt, prompts[0], d, objects, own, wire, radians)
-            prompts[0] += 1
-            prompts[prompts[0]] = d
     return what
 
 
@@ -197,8 +189,6 @@ def answer(
     own: I64,
     wire: F64,
     radians: F64,
-    prompt: U8,
-    prompts: I64,
 ) -> int:
     """Write what the drives of one bus have to say; return how many rows.
 
@@ -210,14 +200,8 @@ def answer(
         own: All drives, (n, OWN).
         wire: From ``scale.wire_table``.
         radians: One encoder count, (n,), rad.
-        prompt: Answers to special frames, (capacity, 16).
-        prompts: Element 0: how many of them; 1 and on: whose they are.
     """
-    rows = min(prompts[0], out.shape[0])
-    for r in range(rows):
-        out[r] = prompt[r]
-        senders[r] = prompts[1 + r]
-    prompts[0] = 0
+    rows = 0
     for k in range(members.shape[0]):
         d = members[k]
         while own[d, PENDING] > 0 and rows < out.shape[0]:

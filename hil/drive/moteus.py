@@ -1,8 +1,7 @@
 """All emulated moteus drives of the rig, on all its buses.
 
 Used as :class:`hil.drive.node402.Cia402Drives` is. There is no SYNC: the first torque command,
-or question alone, of a cycle takes its place, and is answered at the end of the step. What
-stops a drive is answered at once.
+or question alone, of a cycle takes its place.
 
 A drive in position mode without a command for longer than its watchdog goes into the mode
 "timeout": torque off, brake closed, until it is told to stop.
@@ -40,6 +39,7 @@ class MoteusDrives:
         mode: Modes, (n,), as register 0x000 has them.
         synced: Whether the last :meth:`receive` took a torque command or a question.
         switched: Whether it took what stops a drive.
+        repeated: Whether that was for a drive that still had a frame to answer.
         command: View of ``objects``: torque to follow, (n,), 0.01 Nm.
         operation_enabled: View: 1 in position mode, (n,).
         commands: View: torque commands taken so far, (n,).
@@ -80,7 +80,7 @@ class MoteusDrives:
         self.operation_enabled = self.objects[:, slots.ENABLED]
         self.commands = self.objects[:, slots.COMMANDS]
         self.senders = np.zeros(_CAPACITY, dtype=np.int32)
-        self.synced = self.switched = False
+        self.synced = self.switched = self.repeated = False
         self._now = 0
         nothing = frame_buffer(1, FD_FRAME_SIZE)
         self.tick(0.0)  # compile now
@@ -112,6 +112,7 @@ class MoteusDrives:
         )  # fmt: skip
         self.synced = bool(what & service.SYNCED)
         self.switched = bool(what & service.SWITCHED)
+        self.repeated = bool(what & service.REPEATED)
         return count
 
     def answer(self, bus: int, out: Frames) -> int:

@@ -37,10 +37,12 @@ F64 = NDArray[np.float64]
 NODE: Final = 0  # node id
 MODE: Final = 1  # register 0x000
 DEFAULT_TIMEOUT: Final = 2  # watchdog of commands that bring none, µs; 0: none
-OWN: Final = 3
+PENDING: Final = 3  # frames that are to be answered
+OWN: Final = 4
 
 SYNCED: Final = 1  # receive: a torque command, or a question alone, was taken
 SWITCHED: Final = 2  # receive: a stop was taken
+REPEATED: Final = 4  # receive: one was, for a drive that has not answered the last frame yet
 
 KP: Final = 4.0  # Nm/rev, as delivered
 KD: Final = 0.05  # Nm s/rev
@@ -228,7 +230,7 @@ def receive(
         now: Rig time, µs.
 
     Returns:
-        SYNCED, SWITCHED, both or neither.
+        Sum of those that hold of SYNCED, SWITCHED and REPEATED.
     """
     heads = frames.view(np.int64)
     what = 0
@@ -243,7 +245,7 @@ def receive(
         end = min((head >> 32) & 0xFF, codec.LONGEST)
         mode, reads = write(frames[r, 8:], end, registers[d])
         if mode == reg.STOPPED:
-            what |= SWITCHED
+            what |= SWITCHED if own[d, PENDING] == 0 else SWITCHED | REPEATED
             _stop(d, objects, own)
         elif mode == reg.IN_POSITION:
             what |= SYNCED
@@ -254,6 +256,7 @@ def receive(
             asked[askers[0]] = frames[r]
             askers[0] += 1
             askers[askers[0]] = d
+            own[d, PENDING] += 1
     return what
 
 
@@ -391,8 +394,11 @@ def answer(
     """
     questions, answers = asked.view(np.int64), out.view(np.int64)
     rows = min(askers[0], out.shape[0])
-    for r in range(rows):
+    for r in range(askers[0]):
         d = askers[1 + r]
+        own[d, PENDING] -= 1
+        if r >= rows:
+            continue
         head = questions[r, 0]
         end = min((head >> 32) & 0xFF, codec.LONGEST)
         out[r, 8:] = codec.NOP

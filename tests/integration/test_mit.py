@@ -93,6 +93,20 @@ def test_lock_step_gives_the_same_bytes_again_and_over_sockets(tmp_path: Path) -
     assert repeatable(simulate(tmp_path / "other.mcap", "--set", "seed=2")) != first
 
 
+def test_lost_frames_are_as_repeatable(tmp_path: Path) -> None:
+    # From the start: drives enter motor mode at different ticks, and some leave it later.
+    lossy = ("--set", 'fault=[{bus="can0", kind="frame_loss", probability=0.2}]')
+    settings = (*MIT, "--set", "duration_s=0.2", "--set", "supervisor.stale_cycles=100", *lossy)
+    logs = [tmp_path / "here.mcap", tmp_path / "there.mcap"]
+    assert run(["simulate", "panda_shoulder_loss", "--log", str(logs[0]), "--json", *settings]) == 0
+    options = ("--lockstep", "--bus", "unix", "--log", logs[1], "--json", "--no-report")
+    done = dftc("hil", "panda_shoulder_loss", *options, *settings)
+    assert done.returncode == 0, done.stderr
+    here, there = map(repeatable, logs)
+    assert len(here[0]) > 200 * 8
+    assert there == here
+
+
 def test_other_ranges_another_host_id_and_longer_answers_do_as_well() -> None:
     opened = open_session(
         "panda_shoulder_loss",
@@ -103,6 +117,28 @@ def test_other_ranges_another_host_id_and_longer_answers_do_as_well() -> None:
     assert outcome.end_state == "done"
     late = (done.cycle["state"] == 3.0) & (done.cycle["t"] > 0.5)
     assert rms(done.cycle["q"][late] - done.cycle["qd"][late]) < 1e-3
+
+
+def test_joints_without_limits_turn_beyond_the_range_of_a_drive_that_wraps(tmp_path: Path) -> None:
+    scenario = tmp_path / "kinova.toml"
+    scenario.write_text(
+        """
+        name = "kinova"
+        duration_s = 3.0
+        robot.urdf = "kinova_description/robots/kinova.urdf"
+        reference.amplitude_rad = 0.35
+        bus.profile = "mit"
+        bus.mit.position_wraps = true
+        bus.mit.p_max_rad = [0.1, 5.5, 6.0, 12.5, 5.8, 12.5]
+        """
+    )
+    done, outcome = run_simulation(open_session(scenario))
+    assert outcome.end_state == "done"
+    assert done.rig is not None
+    assert np.abs(done.rig["q"][:, 0]).max() > 0.15
+    cycles = min(len(done.cycle["q"]), len(done.rig["q"]))
+    wrong = done.cycle["q"][:cycles] - done.rig["q"][:cycles]
+    assert np.abs(wrong).max() < 1e-3
 
 
 def test_a_safe_stop_leaves_no_drive_in_motor_mode() -> None:

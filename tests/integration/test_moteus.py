@@ -85,6 +85,20 @@ def test_lock_step_gives_the_same_bytes_again_and_over_sockets(tmp_path: Path) -
     assert repeatable(simulate(tmp_path / "other.mcap", "--set", "seed=2")) != first
 
 
+def test_lost_frames_are_as_repeatable(tmp_path: Path) -> None:
+    # From the start: drives enter position mode at different ticks, and some leave it later.
+    lossy = ("--set", 'fault=[{bus="can0", kind="frame_loss", probability=0.2}]')
+    settings = (*MOTEUS, "--set", "duration_s=0.2", "--set", "supervisor.stale_cycles=100", *lossy)
+    logs = [tmp_path / "here.mcap", tmp_path / "there.mcap"]
+    assert run(["simulate", "panda_shoulder_loss", "--log", str(logs[0]), "--json", *settings]) == 0
+    options = ("--lockstep", "--bus", "unix", "--log", logs[1], "--json", "--no-report")
+    done = dftc("hil", "panda_shoulder_loss", *options, *settings)
+    assert done.returncode == 0, done.stderr
+    here, there = map(repeatable, logs)
+    assert len(here[0]) > 200 * 8
+    assert there == here
+
+
 @pytest.mark.parametrize(
     "settings",
     [

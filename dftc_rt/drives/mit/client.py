@@ -29,6 +29,9 @@ from dftc_rt.errors import BusError, DriveError, InputError
 
 _SHUTDOWN_TIMEOUT_S: Final = 0.1  # a drive that is there answers at once
 _BATCH: Final = 64
+_TIMES: Final = 2
+"""How often a drive is told. One frame may be lost; and a rig in lock-step, which keeps an answer
+until the controller ends its cycle, sees by the second one that no cycle is going on."""
 _LAST_CODE: Final = (1 << codec.P_BITS) - 1
 
 
@@ -58,7 +61,7 @@ class MitClient:
         self._scales = scales_of(drives)
         self._wire = wire_table(self._scales)
         self._timeout_s = timeout_s
-        self._out = frame_buffer(1)
+        self._out = frame_buffer(_TIMES)
         self._in = frame_buffer(_BATCH)
         taken: set[tuple[int, int]] = set()
         for drive in drives:
@@ -84,6 +87,8 @@ class MitClient:
                 raise self._error(i, f"reports error {answer[7]}")
             found.counts[i] = answer[1] << 8 | answer[2]
             self._check_position(i, int(found.counts[i]))
+        for socket in self._sockets:
+            self._drain(socket)
         return found
 
     def shutdown(self) -> tuple[str, ...]:
@@ -109,13 +114,15 @@ class MitClient:
             BusError: The bus has gone away, or takes no frame.
         """
         drive, socket = self._drives[i], self._sockets[self._drives[i].bus]
-        while socket.receive(self._in):
-            pass  # what a loop before has left is no answer to this
-        codec.encode_special(self._out, 0, drive.node_id, codec.LEAVE)
+        self._drain(socket)  # what a loop before has left is no answer to this
+        for row in range(_TIMES):
+            codec.encode_special(self._out, row, drive.node_id, codec.LEAVE)
         deadline = time.monotonic() + self._timeout_s
-        while socket.send(self._out, 1) == 0:
+        sent = socket.send(self._out, _TIMES)
+        while sent < _TIMES:
             if not self._wait(socket, deadline, select.POLLOUT):
                 raise BusError(socket.name, "takes no frames (is another node on the bus?)")
+            sent += socket.send(self._out, _TIMES - sent)
         heard: list[str] = []
         while True:
             count = socket.receive(self._in)
@@ -134,6 +141,11 @@ class MitClient:
                 raise self._error(
                     i, f"no answer to 'leave motor mode' within {self._timeout_s:g} s{who}"
                 )
+
+    def _drain(self, socket: FrameSocket) -> None:
+        """Receive what waits, and forget it."""
+        while socket.receive(self._in):
+            pass
 
     def _wait(self, socket: FrameSocket, deadline: float, what: int) -> bool:
         """Wait until a socket is ready, briefly; return whether to go on.

@@ -31,6 +31,9 @@ from dftc_rt.errors import BusError, DriveError, InputError
 
 _SHUTDOWN_TIMEOUT_S: Final = 0.1  # a drive that is there answers at once
 _BATCH: Final = 64
+_TIMES: Final = 2
+"""How often a drive is told at a time. One frame may be lost; and a rig in lock-step, which keeps
+an answer until the controller ends its cycle, sees by the second one that no cycle is going on."""
 _AT_STOP_RAD: Final = 1e-3  # by which a joint at its limit may seem to be beyond it
 _TRIES: Final = 5  # a drive may answer before it has changed its mode
 
@@ -60,7 +63,7 @@ class MoteusClient:
         self._drives = tuple(drives)
         self._scales = scales_of(drives)
         self._timeout_s = timeout_s
-        self._out = frame_buffer(1, FD_FRAME_SIZE)
+        self._out = frame_buffer(_TIMES, FD_FRAME_SIZE)
         self._in = frame_buffer(_BATCH, FD_FRAME_SIZE)
         self._found = np.zeros(5)
         taken: set[tuple[int, int]] = set()
@@ -90,6 +93,8 @@ class MoteusClient:
                 raise self._error(i, f"does not stop: mode {mode:.0f}")
             found.counts[i] = round(position * COUNTS_PER_REV)
             self._check_position(i, position)
+        for socket in self._sockets:
+            self._drain(socket)
         return found
 
     def shutdown(self) -> tuple[str, ...]:
@@ -123,7 +128,7 @@ class MoteusClient:
                 return
 
     def _ask(self, i: int) -> None:
-        """Tell a drive to stop and read its answer, once.
+        """Tell a drive to stop and read its first answer.
 
         Raises:
             DriveError: It did not answer; says who did.
@@ -131,13 +136,15 @@ class MoteusClient:
         """
         drive, socket = self._drives[i], self._sockets[self._drives[i].bus]
         host = self._scales[i].host_id
-        while socket.receive(self._in):
-            pass  # what a loop before has left is no answer to this
-        codec.encode_stop(self._out, 0, drive.node_id, host)
+        self._drain(socket)  # what a loop before has left is no answer to this
+        for row in range(_TIMES):
+            codec.encode_stop(self._out, row, drive.node_id, host)
         deadline = time.monotonic() + self._timeout_s
-        while socket.send(self._out, 1) == 0:
+        sent = socket.send(self._out, _TIMES)
+        while sent < _TIMES:
             if not self._wait(socket, deadline, select.POLLOUT):
                 raise BusError(socket.name, "takes no frames (is another node on the bus?)")
+            sent += socket.send(self._out, _TIMES - sent)
         heard: list[str] = []
         while True:
             count = socket.receive(self._in)
@@ -154,6 +161,11 @@ class MoteusClient:
             if not count and not self._wait(socket, deadline, select.POLLIN):
                 who = f"; heard {', '.join(dict.fromkeys(heard))}" if heard else ""
                 raise self._error(i, f"no answer to 'stop' within {self._timeout_s:g} s{who}")
+
+    def _drain(self, socket: FrameSocket) -> None:
+        """Receive what waits, and forget it."""
+        while socket.receive(self._in):
+            pass
 
     def _wait(self, socket: FrameSocket, deadline: float, what: int) -> bool:
         """Wait until a socket is ready, briefly; return whether to go on.

@@ -38,7 +38,7 @@ def test_auto_without_rtnetlink_is_the_user_space_bus() -> None:
 
 
 def test_vcan_asked_for_and_not_there() -> None:
-    with pytest.raises(EnvironmentLacksError, match="vcan9.*dftc bus up can0,can9"):
+    with pytest.raises(EnvironmentLacksError, match=r"vcan9.*dftc bus up can0,can9"):
         choose_bus("vcan", ["can0", "can9"], KINDS.get)
     with pytest.raises(InputError, match="slcan"):
         choose_bus("vcan", ["can2"], KINDS.get)

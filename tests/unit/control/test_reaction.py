@@ -48,6 +48,25 @@ def test_powerless(share: float, lost: float, expected: bool) -> None:
     assert found is expected
 
 
+def test_a_push_that_holds_the_joint_for_a_moment_is_no_total_loss() -> None:
+    """As a contact has been seen to: y near zero for 50 ms, while φ grows by 80 %."""
+    law = _law()
+    p, x = law.storage.parameters[JOINT], law.storage.state[JOINT]
+    x["need_f"] = 24.0
+    for k in range(100):
+        x["phi_f"] = 24.0 * (1.0 + min(0.016 * k, 0.8))
+        x["y_f"] = 0.0 if k < 50 else 0.5 * x["phi_f"]
+        assert not reaction.powerless(p, x)
+
+
+def test_a_motor_that_is_told_all_it_can_and_gives_nothing() -> None:
+    law = _law()
+    p, x = law.storage.parameters[JOINT], law.storage.state[JOINT]
+    x["need_f"], x["phi_f"], x["y_f"] = 40.0, float(p["limit"]), 1.0
+    found = [bool(reaction.powerless(p, x)) for _ in range(100)]
+    assert 50 < found.index(True) < 70
+
+
 @pytest.mark.parametrize(("phi", "need"), [(1.5, 1.5), (24.0, 0.0), (24.0, -24.0)])
 def test_a_motion_that_needs_no_torque_shows_nothing(phi: float, need: float) -> None:
     """Somebody leans on a joint that stands still: φ answers, y has no reason to move."""

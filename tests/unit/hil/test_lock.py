@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import struct
+
 import numpy as np
 import pytest
 
+from dftc_rt.bus.frame import BARRIER_ID, frame_buffer, pack, unpack
+from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.config.faults import LockFault
-from dftc_rt.config.scenario import DriveTable, PlantTable
+from dftc_rt.config.scenario import DriveTable, PlantTable, RigTable, RobotTable, Scenario
 from dftc_rt.dynamics.model import Robot
 from dftc_rt.dynamics.robot import load_robot
+from dftc_rt.memory import MemorySink
 from hil.faults import compile_faults
 from hil.plants.rigid_body import RigidBodyPlant
+from hil.simulate import in_process_rig
+from tests.unit.drives.drive_bus import sdo_write
 
 
 @pytest.fixture(scope="module")
@@ -88,3 +95,49 @@ def test_every_joint_locked_is_an_arm_that_stands(arm2: Robot) -> None:
     plant.advance(40)
     assert plant.q.tolist() == arm2.home.tolist()
     assert plant.applied.tolist() == [0.0, 0.0]
+
+
+def talk(node: FrameSocket, *frames: tuple[int, bytes]) -> dict[int, bytes]:
+    """Send some frames; return what comes back, the last of each identifier."""
+    batch = frame_buffer(32)
+    for row, (can_id, data) in enumerate(frames):
+        batch[row] = np.frombuffer(pack(can_id, data), dtype=np.uint8)
+    node.send(batch, len(frames))
+    return dict(unpack(batch[row].copy()) for row in range(node.receive(batch)))
+
+
+def test_on_the_bus_a_position_that_stands_and_a_drive_that_knows_of_nothing(arm2: Robot) -> None:
+    scenario = Scenario(
+        name="lock",
+        robot=RobotTable(name="arm2"),
+        rig=RigTable(drive=DriveTable(velocity_noise_rad_s=0.0)),
+        fault=(LockFault(joint="joint2", start_s=0.05, end_s=0.1),),
+    )
+    motion = np.zeros((3, 2))
+    motion[0] = arm2.home
+    node = in_process_rig(scenario, arm2, motion, MemorySink(13), lambda *_: None).sockets[0]
+    for n in (1, 2):
+        for index, sub, value, size in (
+            (0x6060, 0, 10, 1),
+            (0x1402, 2, 1, 1), (0x1402, 1, 0x400 + n, 4),  # controlword, torque
+            (0x1802, 2, 1, 1), (0x1802, 1, 0x4000_0380 + n, 4),  # position, velocity
+            (0x1803, 2, 1, 1), (0x1803, 1, 0x4000_0480 + n, 4),  # torque actual
+        ):  # fmt: skip
+            talk(node, (0x600 + n, sdo_write(index, sub, value, size)))
+    talk(node, (0, b"\x01\x00"))
+    seen = []
+    for k in range(120):
+        data = struct.pack("<Hh", (6, 7, 15)[min(k, 2)], 60)
+        commands = [(0x401, data), (0x402, data), (0x80, b"")]
+        seen.append(talk(node, *commands, (BARRIER_ID, struct.pack("<Q", k))))
+    at = np.array(
+        [[struct.unpack("<ii", f[0x381]), struct.unpack("<ii", f[0x382])] for f in seen]
+    )  # cycle, joint, (position, velocity)
+    assert np.all(np.diff(at[10:, 0, 0]) != 0)
+    assert np.all(np.diff(at[10:50, 1, 0]) != 0)
+    assert np.all(at[50:101, 1, 0] == at[50, 1, 0])
+    assert np.all(at[51:101, 1, 1] == 0)
+    assert np.all(np.diff(at[105:, 1, 0]) != 0)
+    for frames in seen[60:]:
+        assert struct.unpack("<h", frames[0x482]) == (60,)  # its current, as it was told
+        assert not {0x82, 0x182} & set(frames)  # no emergency, no change of its state

@@ -76,6 +76,8 @@ def test_controlword_acts_before_the_next_read(bus: DriveBus) -> None:
         (0x1016, 1, 0x80 << 16 | 10, 4, HIGH),
         (0x1016, 2, 0, 4, NO_SUB),
         (0x1003, 0, 3, 1, INVALID),
+        (0x60C2, 1, 0, 1, LOW),  # no period at all
+        (0x60C2, 2, 64, 1, HIGH),
         (0x1029, 1, 3, 1, HIGH),
         (0x1400, 2, 252, 1, INVALID),  # remote request: not supported
         (0x1800, 2, 241, 1, INVALID),  # reserved
@@ -89,6 +91,14 @@ def test_controlword_acts_before_the_next_read(bus: DriveBus) -> None:
 )
 def test_refusals(bus: DriveBus, index: int, sub: int, value: int, size: int, abort: int) -> None:
     assert write(bus, 1, index, sub, value, size) == abort
+
+
+def test_interpolation_period_is_kept_and_reset(bus: DriveBus) -> None:
+    assert (read(bus, 1, 0x60C2, 1), read(bus, 1, 0x60C2, 2)) == (1, 0xFD)  # 1 * 10^-3 s
+    assert write(bus, 1, 0x60C2, 1, 5, 1) == 0
+    assert read(bus, 1, 0x60C2, 1) == 5
+    bus.exchange((0, b"\x81\x01"))
+    assert read(bus, 1, 0x60C2, 1) == 1
 
 
 def test_sync_counter_changes_while_the_period_is_0(bus: DriveBus) -> None:

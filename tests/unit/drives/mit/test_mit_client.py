@@ -45,8 +45,9 @@ def test_configure_finds_every_drive_at_rest(wakes: bool) -> None:
     assert [states.state_of(word) for word in found.statusword] == [states.SWITCHED_ON] * 4
     # (1 + 12.5) · 65535 / 25 = 35388.9, (−2 + 12.5) … = 27524.7, 40631.7, 22281.9: cut off.
     assert found.counts.tolist() == [35388, 27524, 40631, 22281]
-    assert buses[0].sent == [(node, LEAVE) for node in (1, 2, 3)]
-    assert buses[1].sent == [(4, LEAVE)]
+    assert buses[0].sent == [(node, LEAVE) for node in (1, 1, 2, 2, 3, 3)]
+    assert buses[1].sent == [(4, LEAVE)] * 2
+    assert not any(bus.take() for bus in buses)  # nothing is left for the loop
     for bus in buses:
         bus.close()
 
@@ -110,9 +111,9 @@ def test_what_others_say_is_passed_over() -> None:
         def receive(self, frames) -> int:
             count = super().receive(frames)
             if count:
-                frames[1] = frames[0]
+                frames[1 : count + 1] = frames[:count].copy()
                 frames[0] = np.frombuffer(pack(0, bytes([99, 0, 0, 0, 0, 0])), dtype=np.uint8)
-                count = 2
+                count += 1
             return count
 
     assert client([Busy(drives)], 2).configure().counts.tolist() == [32767] * 2

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from dftc_rt.bus.frame import EFF_FLAG, FD_FRAME_SIZE
+from dftc_rt.bus.frame import EFF_FLAG, FD_FRAME_SIZE, FD_LENGTHS
 from dftc_rt.drives.interface import DriveConfig
 from dftc_rt.drives.moteus.scale import MoteusScale
 from hil.drive.moteus import MoteusDrives
@@ -41,5 +41,7 @@ def bus_of(drives: MoteusDrives, bus: int = 0, wakes: bool = False) -> DriveBus:
 
 
 def to(node: int, data: str, host: int = 0) -> tuple[int, bytes]:
-    """Return a frame to a drive that asks for an answer: 8000h + host · 100h + node."""
-    return EFF_FLAG | 0x8000 | host << 8 | node, bytes.fromhex(data)
+    """Return a frame to a drive that asks for an answer: 8000h + host · 100h + node, NOPs behind."""
+    raw = bytes.fromhex(data)
+    length = next(n for n in FD_LENGTHS if n >= len(raw))
+    return EFF_FLAG | 0x8000 | host << 8 | node, raw.ljust(length, b"\x50")
