@@ -22,6 +22,7 @@ from dftc_rt.drives.moteus import registers as reg
 from dftc_rt.drives.moteus.scale import MoteusScale
 from dftc_rt.drives.scale import MAX_COUNTS, RAD_PER_COUNT, ScaleTable
 from dftc_rt.errors import InputError
+from hil.drive import moteus_registers as columns
 from hil.drive import moteus_service as service
 from hil.drive import slots
 from hil.drive.spec import DriveSpec, members_of
@@ -69,13 +70,13 @@ class MoteusDrives:
         self._turns = np.abs(table[RAD_PER_COUNT]) / (2.0 * np.pi)
         self.objects: NDArray[np.int64] = np.zeros((n, slots.N_OBJECTS), dtype=np.int64)
         self.objects[:, slots.MAX_TORQUE] = table[MAX_COUNTS]
-        self._own = np.zeros((n, service.OWN), dtype=np.int64)
+        self._own = np.zeros((n, columns.OWN), dtype=np.int64)
         self._registers = np.full((n, reg.COMMANDS), np.nan)
         for d, spec in enumerate(specs):
-            self._own[d, service.NODE] = spec.node_id
-            self._own[d, service.DEFAULT_TIMEOUT] = round(spec.watchdog_s * 1e6)
+            self._own[d, columns.NODE] = spec.node_id
+            self._own[d, columns.DEFAULT_TIMEOUT] = round(spec.watchdog_s * 1e6)
             self._lookups[spec.bus][spec.node_id] = d
-        self.mode = self._own[:, service.MODE]
+        self.mode = self._own[:, columns.MODE]
         self.command = self.objects[:, slots.COMMAND]
         self.operation_enabled = self.objects[:, slots.ENABLED]
         self.commands = self.objects[:, slots.COMMANDS]

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dftc_rt.bus.budget import bus_load
 from dftc_rt.cli.main import run
 from dftc_rt.cli.session import open_session
 from dftc_rt.cli.simulate import run_simulation
@@ -194,9 +195,16 @@ def test_three_seconds_in_real_time(tmp_path: Path) -> None:
     found = json.loads(process.out)
     assert found["end_state"] == "done"
     assert set(found["buses"]) == {"can0", "can1"}
-    for bus in found["buses"].values():
-        assert bus["data_bitrate"] == 5_000_000
-        assert bus["exact_data_bits"] > 0
+    for name, joints in (("can0", 4), ("can1", 3)):
+        bus = found["buses"][name]
+        assert (bus["bitrate"], bus["data_bitrate"]) == (1_000_000, 5_000_000)
+        # What went over the wire is what the budget allows for: a command and an answer a joint.
+        spent_s = bus["exact_bits"] / 1e6 + bus["exact_data_bits"] / 5e6
+        worst_s = bus_load(name, joints, rate_hz=1000.0, profile="moteus").worst_s
+        set_up = 10 * joints
+        assert abs(bus["frames"] - 2 * joints * found["cycles"]) < set_up + 2 * joints * 10
+        assert 0.7 * worst_s * bus["frames"] < 2 * joints * spent_s
+        assert 2 * joints * spent_s < worst_s * bus["frames"]
     logged = read(tmp_path / "run.mcap")
     assert logged.cycle["t"].size == found["cycles"]
     moving = logged.cycle["state"] == 3.0

@@ -14,6 +14,7 @@ from dftc_rt.bus.frame import BRS, EFF_FLAG, ERR_FLAG, FD_FRAME_SIZE, FDF, frame
 from dftc_rt.drives.cia402 import states
 from dftc_rt.drives.moteus import codec
 from dftc_rt.drives.moteus import registers as reg
+from dftc_rt.drives.moteus import subframes as sub
 from dftc_rt.drives.moteus.scale import wire_table
 from tests.unit.drives.moteus.moteus_bus import scales
 
@@ -27,10 +28,10 @@ TURN = 2.0 * math.pi
 
 
 _DATA = np.zeros(64, dtype=np.uint8)  # compile now: hypothesis minds an example that takes long
-codec.read_value(_DATA, codec.write_value(_DATA, 0, reg.INT8, reg.WHOLE, 0.0), 0, 0)
-codec.read_varuint(_DATA, codec.write_varuint(_DATA, 0, 0), 64)
-codec.read_head(_DATA, codec.write_head(_DATA, 0, codec.READ, 0, 1, 0), 64)
-codec.decode_answer(_DATA, codec.fd_length(64), np.zeros(5))
+sub.read_value(_DATA, sub.write_value(_DATA, 0, reg.INT8, reg.WHOLE, 0.0), 0, 0)
+sub.read_varuint(_DATA, sub.write_varuint(_DATA, 0, 0), 64)
+sub.read_head(_DATA, sub.write_head(_DATA, 0, sub.READ, 0, 1, 0), 64)
+codec.decode_answer(_DATA, sub.fd_length(64), np.zeros(5))
 
 
 def padded(data: str) -> bytes:
@@ -211,11 +212,11 @@ FORMATS = st.sampled_from([reg.INT8, reg.INT16, reg.INT32, reg.FLOAT])
 @given(st.integers(0, 2**32 - 1), st.integers(0, 50))
 def test_varuints_come_back(value: int, at: int) -> None:
     data = np.zeros(64, dtype=np.uint8)
-    end = codec.write_varuint(data, at, value)
-    assert codec.read_varuint(data, at, 64) == (value, end)
+    end = sub.write_varuint(data, at, value)
+    assert sub.read_varuint(data, at, 64) == (value, end)
     # 7 bits a byte, the last without bit 7
     assert end - at == max(1, -(-value.bit_length() // 7))
-    assert codec.read_varuint(data, at, end - 1)[1] == -1
+    assert sub.read_varuint(data, at, end - 1)[1] == -1
 
 
 @given(st.integers(-(2**31), 2**31 - 1), UNITS, st.integers(0, 2))
@@ -225,7 +226,7 @@ def test_integers_are_counts_of_their_steps(number: int, unit: int, form: int) -
     number = (number + (1 << 8 * size - 1)) % (1 << 8 * size) - (1 << 8 * size - 1)
     data = np.zeros(64, dtype=np.uint8)
     data[3 : 3 + size] = np.frombuffer(struct.pack("<" + code, number), dtype=np.uint8)
-    value = codec.read_value(data, 3, form, unit)
+    value = sub.read_value(data, 3, form, unit)
     if number == -(1 << 8 * size - 1) and unit != reg.WHOLE:
         assert math.isnan(value)
     else:
@@ -233,24 +234,24 @@ def test_integers_are_counts_of_their_steps(number: int, unit: int, form: int) -
     if unit == reg.WHOLE and number == -(1 << 8 * size - 1):
         return
     back = np.zeros(64, dtype=np.uint8)
-    assert codec.write_value(back, 3, form, unit, value) == 3 + size
+    assert sub.write_value(back, 3, form, unit, value) == 3 + size
     assert np.array_equal(back, data)
 
 
 @given(st.floats(width=32), UNITS)
 def test_floats_come_back(value: float, unit: int) -> None:
     data = np.zeros(64, dtype=np.uint8)
-    assert codec.write_value(data, 5, reg.FLOAT, unit, value) == 9
+    assert sub.write_value(data, 5, reg.FLOAT, unit, value) == 9
     assert struct.unpack("<f", data[5:9].tobytes())[0] == pytest.approx(value, nan_ok=True)
-    assert codec.read_value(data, 5, reg.FLOAT, unit) == pytest.approx(value, nan_ok=True)
+    assert sub.read_value(data, 5, reg.FLOAT, unit) == pytest.approx(value, nan_ok=True)
 
 
 @given(st.floats(-1e300, 1e300) | st.sampled_from([math.nan, math.inf, -math.inf]), UNITS,
        st.integers(0, 2))  # fmt: skip
 def test_written_integers_are_cut_off_and_limited(value: float, unit: int, form: int) -> None:
     data = np.zeros(64, dtype=np.uint8)
-    size = codec.size_of(form)
-    codec.write_value(data, 0, form, unit, value)
+    size = sub.size_of(form)
+    sub.write_value(data, 0, form, unit, value)
     number = int.from_bytes(data[:size].tobytes(), "little", signed=True)
     most = (1 << 8 * size - 1) - 1
     if not math.isfinite(value):
@@ -268,15 +269,15 @@ def test_written_integers_are_cut_off_and_limited(value: float, unit: int, form:
 @given(st.integers(0, 64))
 def test_lengths_of_can_fd(length: int) -> None:
     lengths = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
-    assert codec.fd_length(length) == next(n for n in lengths if n >= length)
+    assert sub.fd_length(length) == next(n for n in lengths if n >= length)
 
 
 @given(st.integers(0, 3), FORMATS, st.integers(1, 14), st.integers(0, 0x1FF))
 def test_heads_of_subframes_come_back(kind: int, form: int, count: int, register: int) -> None:
-    kind = (codec.WRITE, codec.READ, codec.REPLY, codec.REPLY)[kind]
+    kind = (sub.WRITE, sub.READ, sub.REPLY, sub.REPLY)[kind]
     data = np.zeros(64, dtype=np.uint8)
-    values = codec.write_head(data, 2, kind, form, count, register)
-    assert codec.read_head(data, 2, 64) == (kind, form, count, register, values)
+    values = sub.write_head(data, 2, kind, form, count, register)
+    assert sub.read_head(data, 2, 64) == (kind, form, count, register, values)
 
 
 @given(st.binary(max_size=64))
@@ -285,13 +286,13 @@ def test_nothing_that_comes_is_read_beyond_its_end(raw: bytes) -> None:
     data[: len(raw)] = np.frombuffer(raw, dtype=np.uint8)
     at = 0
     while at < len(raw):
-        kind, form, count, _, values = codec.read_head(data, at, len(raw))
+        kind, form, count, _, values = sub.read_head(data, at, len(raw))
         assert at < values <= len(raw)
         if kind < 0:
             break
         at = values
-        if kind in (codec.WRITE, codec.REPLY):
-            at += count * codec.size_of(form)
+        if kind in (sub.WRITE, sub.REPLY):
+            at += count * sub.size_of(form)
         assert at <= len(raw)
     codec.decode_answer(data, len(raw), np.zeros(5))
 
