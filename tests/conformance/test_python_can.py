@@ -122,7 +122,8 @@ def test_a_message_arrives_as_it_was_sent(
     one.send(sent)
     got = heard(other)
     assert got.equals(sent, timestamp_delta=None, check_channel=False, check_direction=False)
-    assert got.is_rx
+    if one.channel != "vcan0":  # the kernel calls every frame from this host a sent one
+        assert got.is_rx
     assert not got.is_error_frame
 
 
@@ -295,7 +296,8 @@ def test_can_logger_writes_what_it_hears(rig: Served, tmp_path: Path) -> None:
                 time.sleep(0.05)
         process.send_signal(2)
         assert process.wait(PATIENCE_S) == 0
-    assert next(m.arbitration_id for m in can.LogReader(log)) == 0x123
+    with can.LogReader(log) as reader:
+        assert {m.arbitration_id for m in reader} == {0x123}
 
 
 def test_can_viewer_shows_what_it_hears(rig: Served) -> None:

@@ -113,7 +113,10 @@ def candump(folder: Path, *links: str) -> Iterator[Path]:
 
 def _sleeps(pid: int) -> bool:
     """Whether a process has all its sockets open and waits."""
-    sockets = [p for p in Path(f"/proc/{pid}/fd").glob("*") if p.readlink().match("socket:*")]
+    try:
+        sockets = [p for p in Path(f"/proc/{pid}/fd").glob("*") if p.readlink().match("socket:*")]
+    except FileNotFoundError:  # one was closed meanwhile: it is still starting
+        return False
     state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
     return len(sockets) >= 1 and state == "S"
 

@@ -38,7 +38,7 @@ esac
 ip link set lo up
 
 modules=$(echo /usr/lib/uml/modules/*/kernel)
-for module in net/can/can net/can/can-raw drivers/net/can/dev/can-dev \
+for module in net/can/can net/can/can-raw net/can/can-bcm drivers/net/can/dev/can-dev \
   drivers/net/can/vcan drivers/net/can/vxcan; do
   insmod "$modules/$module.ko" || fail "cannot load $modules/$module.ko"
 done

@@ -41,7 +41,7 @@ def bus_of(drives: MoteusDrives, bus: int = 0, wakes: bool = False) -> DriveBus:
 
 
 def to(node: int, data: str, host: int = 0) -> tuple[int, bytes]:
-    """Return a frame to a drive that asks for an answer: 8000h + host · 100h + node, NOPs behind."""
+    """Return a frame to a drive that asks for an answer: 8000h + host · 100h + node, and NOPs."""
     raw = bytes.fromhex(data)
     length = next(n for n in FD_LENGTHS if n >= len(raw))
     return EFF_FLAG | 0x8000 | host << 8 | node, raw.ljust(length, b"\x50")

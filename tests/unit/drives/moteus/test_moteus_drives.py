@@ -87,7 +87,8 @@ def test_torque_is_limited() -> None:
     # 18 Nm = 1800 = 0708h, −18 Nm = F8F8h; at most 10 Nm by the drive, 5 Nm by register 0x025.
     one = bus(1, max_torque_nm=10.0)
     for torque, limit, expected in (
-        ("0807", "", 1000), ("f8f8", "", -1000), ("0807", "0525f401", 500), ("0807", "0525d007", 1000),
+        ("0807", "", 1000), ("f8f8", "", -1000), ("0807", "0525f401", 500),
+        ("0807", "0525d007", 1000),
     ):  # fmt: skip
         one.exchange(to(1, f"01000a 02208000 0522{torque} 02230000 {limit}"))
         assert one.drives.command.tolist() == [expected]
