@@ -27,7 +27,7 @@ from dftc_rt.control.dftc import Dftc
 from dftc_rt.control.interface import Law
 from dftc_rt.drives.interface import DriveSetup, SetUp, profile
 from dftc_rt.drives.scale import ScaleTable, torque_grid
-from dftc_rt.drives.wiring import bus_members, bus_names, robot_drives
+from dftc_rt.drives.wiring import bus_members, bus_names, frame_size, robot_drives
 from dftc_rt.dynamics.calibrated import calibrated
 from dftc_rt.dynamics.interface import JointTerms
 from dftc_rt.dynamics.model import Robot
@@ -172,6 +172,7 @@ def bus_loads(scenario: Scenario, robot: Robot) -> list[budget.BusLoad]:
             int(bus_members(robot.joint_config, name).size),
             rate_hz=scenario.executor.rate_hz,
             bitrate=scenario.bus.bitrate,
+            data_bitrate=scenario.bus.data_bitrate,
             profile=scenario.bus.profile,
         )
         for name in bus_names(robot.joint_config)
@@ -289,6 +290,7 @@ def _assemble(
         clock,
         budget_s,
         report,
+        frame_size(scenario.bus),
     )
     link.start(found)
     parts.reference.start(link.q)
@@ -326,11 +328,12 @@ def warm_up(scenario: Scenario, parts: Parts) -> None:
     """Call everything the loop calls once, so that nothing compiles or loads in it."""
     robot, n = parts.robot, parts.robot.n
     drives = robot_drives(robot, scenario.bus)
-    pairs = [in_process_link(name) for name in bus_names(robot.joint_config)]
+    size = frame_size(scenario.bus)
+    pairs = [in_process_link(name, frame_size=size) for name in bus_names(robot.joint_config)]
     cycle = profile(scenario.bus.profile).cycle(drives, len(pairs), scenario.executor.rate_hz)
-    link = DriveLink([near for near, _ in pairs], cycle, FakeClock(), 0.0, lambda *_: None)
+    link = DriveLink([near for near, _ in pairs], cycle, FakeClock(), 0.0, lambda *_: None, size)
     link.start(SetUp(np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)))
-    feedback = frame_buffer(1)
+    feedback = frame_buffer(1, size)
     for bus, (_, far) in enumerate(pairs):
         node = next(drive.node_id for drive in drives if drive.bus == bus)
         feedback.view("<u4")[0, :2] = 0x180 + node, 8

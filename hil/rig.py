@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dftc_rt.bus.frame import frame_buffer
 from dftc_rt.config.scenario import Scenario
-from dftc_rt.drives.wiring import bus_names
+from dftc_rt.drives.wiring import bus_names, frame_size
 from dftc_rt.dynamics.model import Robot
 from dftc_rt.errors import InputError
 from hil.bus.impairments import Impairments, of_bus
@@ -129,8 +129,8 @@ class Rig:
                 port.impair(Impairments(name, found, scenario.seed, index, event, port.frame_size))
         self._sink = sink
         self._event = event
-        self._inbox = frame_buffer(_CAPACITY)
-        self._out = frame_buffer(_CAPACITY)
+        self._inbox = frame_buffer(_CAPACITY, frame_size(scenario.bus))
+        self._out = frame_buffer(_CAPACITY, frame_size(scenario.bus))
         self._synced = [False] * len(names)
         self._last_commands = np.zeros(n, dtype=np.int64)
         self._age = np.zeros(n)

@@ -10,7 +10,7 @@ import numpy as np
 
 from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.config.scenario import Scenario
-from dftc_rt.drives.wiring import bus_names
+from dftc_rt.drives.wiring import bus_names, fd_bitrate
 from dftc_rt.dynamics.model import Robot
 from hil.bus.inprocess import InProcessPort
 from hil.rig import EventFunction, RecordSink, Rig, initial_state
@@ -51,7 +51,12 @@ def in_process_rig(
         InputError: A value of ``[rig]`` or a fault does not fit the robot.
     """
     ports = [
-        InProcessPort(name, timing=scenario.bus.timing, bitrate=scenario.bus.bitrate)
+        InProcessPort(
+            name,
+            timing=scenario.bus.timing,
+            bitrate=scenario.bus.bitrate,
+            data_bitrate=fd_bitrate(scenario.bus),
+        )
         for name in bus_names(robot.joint_config)
     ]
     nodes = [port.connect() for port in ports]

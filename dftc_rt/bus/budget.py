@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from dftc_rt.bus.bits import nominal_bits, worst_bits
+from dftc_rt.bus.fd_bits import nominal_fd_bits, worst_fd_bits
 from dftc_rt.errors import InputError
 
 WORST_CASE_LIMIT: Final = 0.9  # share of the period
@@ -39,10 +40,13 @@ class LoadItem:
     Attributes:
         name: What it is.
         role: What it is for; ``answer`` is what the control law waits for.
-        data_bytes: Data length, 0 … 8.
+        data_bytes: Data length, 0 … 8; of an FD frame one that it can have.
         per_cycle: Frames a cycle (a fraction for what comes more rarely).
         sources: What sends it independently of each other: joints, or 1. From each at most
             ``per_cycle / sources`` frames a cycle, rounded up.
+        data_bit: Length of a bit of the data part of an FD frame, in bits of the bit rate;
+            None: a classical frame.
+        extended: 29-bit identifier; of FD frames alone.
     """
 
     name: str
@@ -50,6 +54,24 @@ class LoadItem:
     data_bytes: int
     per_cycle: float
     sources: int = 1
+    data_bit: float | None = None
+    extended: bool = False
+
+    @property
+    def frame_nominal_bits(self) -> float:
+        """Length of one frame without stuffing, in bits of the bit rate."""
+        if self.data_bit is None:
+            return nominal_bits(self.data_bytes)
+        slow, fast = nominal_fd_bits(self.data_bytes, self.extended)
+        return slow + fast * self.data_bit
+
+    @property
+    def frame_worst_bits(self) -> float:
+        """Length of one frame with the most stuffing, in bits of the bit rate."""
+        if self.data_bit is None:
+            return worst_bits(self.data_bytes)
+        slow, fast = worst_fd_bits(self.data_bytes, self.extended)
+        return slow + fast * self.data_bit
 
     @property
     def most(self) -> int:
@@ -59,12 +81,12 @@ class LoadItem:
     @property
     def nominal_bits(self) -> float:
         """Bits a cycle without stuffing."""
-        return self.per_cycle * nominal_bits(self.data_bytes)
+        return self.per_cycle * self.frame_nominal_bits
 
     @property
     def worst_bits(self) -> float:
         """Bits a cycle with the most stuffing."""
-        return self.per_cycle * worst_bits(self.data_bytes)
+        return self.per_cycle * self.frame_worst_bits
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +99,7 @@ class BusLoad:
         rate_hz: Cycles per second.
         bitrate: Bits per second.
         items: What travels.
+        data_bitrate: Of the data part of FD frames, where there are any.
     """
 
     name: str
@@ -84,6 +107,7 @@ class BusLoad:
     rate_hz: float
     bitrate: int
     items: tuple[LoadItem, ...]
+    data_bitrate: int = 5_000_000
 
     @property
     def nominal_s(self) -> float:
@@ -108,7 +132,7 @@ class BusLoad:
     @property
     def busiest_bits(self) -> int:
         """Bits of a cycle in which everything comes due, with the most stuffing."""
-        return sum(item.most * worst_bits(item.data_bytes) for item in self.items)
+        return math.ceil(sum(item.most * item.frame_worst_bits for item in self.items) - 1e-9)
 
     @property
     def fits(self) -> bool:
@@ -116,12 +140,13 @@ class BusLoad:
         return self.worst <= WORST_CASE_LIMIT
 
 
-def cia402_items(joints: int, rate_hz: float) -> tuple[LoadItem, ...]:
+def cia402_items(joints: int, rate_hz: float, data_bit: float) -> tuple[LoadItem, ...]:
     """Return the traffic of a CiA 402 bus.
 
     Args:
         joints: Joints on the bus.
         rate_hz: Cycles per second.
+        data_bit: Unused: the frames are classical.
     """
     turns = math.ceil(joints / TORQUE_EVERY)
     each = joints / rate_hz
@@ -140,7 +165,7 @@ def cia402_items(joints: int, rate_hz: float) -> tuple[LoadItem, ...]:
     )
 
 
-def mit_items(joints: int, rate_hz: float) -> tuple[LoadItem, ...]:
+def mit_items(joints: int, rate_hz: float, data_bit: float) -> tuple[LoadItem, ...]:
     """Return the traffic of a bus of MIT mini-cheetah drives: one command, one answer each.
 
     Commands go out at the tick, in place of SYNC and in the way of the answers. What
@@ -150,6 +175,7 @@ def mit_items(joints: int, rate_hz: float) -> tuple[LoadItem, ...]:
     Args:
         joints: Joints on the bus.
         rate_hz: Cycles per second (every frame is cyclic, so it does not matter).
+        data_bit: Unused: the frames are classical.
     """
     return (
         LoadItem("command", "sync", 8, float(joints), joints),
@@ -157,11 +183,35 @@ def mit_items(joints: int, rate_hz: float) -> tuple[LoadItem, ...]:
     )
 
 
-_PROFILES: Final = {"cia402": cia402_items, "mit": mit_items}
+def moteus_items(joints: int, rate_hz: float, data_bit: float) -> tuple[LoadItem, ...]:
+    """Return the traffic of a bus of moteus drives: one command, one answer each.
+
+    Commands go out at the tick, in place of SYNC. What stops a drive, and the answer to it
+    with the fault code, are shorter together (12 and 20 bytes for 24 and 16). Commands have
+    29-bit identifiers, and answers from node id 8 on, so they count as that.
+
+    Args:
+        joints: Joints on the bus.
+        rate_hz: Cycles per second (every frame is cyclic, so it does not matter).
+        data_bit: Length of a bit of the data part, in bits of the bit rate.
+    """
+    return (
+        LoadItem("command", "sync", 24, float(joints), joints, data_bit, True),
+        LoadItem("answer", "answer", 16, float(joints), joints, data_bit, True),
+    )
+
+
+_PROFILES: Final = {"cia402": cia402_items, "mit": mit_items, "moteus": moteus_items}
 
 
 def bus_load(
-    name: str, joints: int, *, rate_hz: float, bitrate: int = 1_000_000, profile: str = "cia402"
+    name: str,
+    joints: int,
+    *,
+    rate_hz: float,
+    bitrate: int = 1_000_000,
+    data_bitrate: int = 5_000_000,
+    profile: str = "cia402",
 ) -> BusLoad:
     """Return the load of one bus.
 
@@ -170,7 +220,8 @@ def bus_load(
         joints: Joints on the bus.
         rate_hz: Cycles per second.
         bitrate: Bits per second.
-        profile: ``cia402`` or ``mit``.
+        data_bitrate: Of the data part of FD frames.
+        profile: ``cia402``, ``mit`` or ``moteus``.
 
     Raises:
         InputError: No budget is known for the profile, or a number is not positive.
@@ -183,26 +234,50 @@ def bus_load(
         raise InputError("executor.rate_hz", repr(rate_hz), "a positive rate")
     if bitrate <= 0:
         raise InputError("bus.bitrate", repr(bitrate), "a positive bit rate")
-    return BusLoad(name, joints, rate_hz, bitrate, _PROFILES[profile](joints, rate_hz))
+    if data_bitrate < bitrate and profile == "moteus":
+        found, expected = repr(data_bitrate), f"bus.bitrate, {bitrate}, or more"
+        raise InputError("bus.data_bitrate", found, expected)
+    items = _PROFILES[profile](joints, rate_hz, bitrate / data_bitrate)
+    return BusLoad(name, joints, rate_hz, bitrate, items, data_bitrate)
 
 
-def joints_per_bus(*, rate_hz: float, bitrate: int = 1_000_000, profile: str = "cia402") -> int:
+def joints_per_bus(
+    *,
+    rate_hz: float,
+    bitrate: int = 1_000_000,
+    data_bitrate: int = 5_000_000,
+    profile: str = "cia402",
+) -> int:
     """Return how many joints one bus carries at most; 0 when not even one fits."""
     joints = 0
-    while bus_load("", joints + 1, rate_hz=rate_hz, bitrate=bitrate, profile=profile).fits:
+    while bus_load(
+        "",
+        joints + 1,
+        rate_hz=rate_hz,
+        bitrate=bitrate,
+        data_bitrate=data_bitrate,
+        profile=profile,
+    ).fits:
         joints += 1
     return joints
 
 
 def buses_needed(
-    joints: int, *, rate_hz: float, bitrate: int = 1_000_000, profile: str = "cia402"
+    joints: int,
+    *,
+    rate_hz: float,
+    bitrate: int = 1_000_000,
+    data_bitrate: int = 5_000_000,
+    profile: str = "cia402",
 ) -> int:
     """Return the least number of buses for a robot of ``joints`` joints.
 
     Raises:
         InputError: Not even one joint fits a bus of its own.
     """
-    most = joints_per_bus(rate_hz=rate_hz, bitrate=bitrate, profile=profile)
+    most = joints_per_bus(
+        rate_hz=rate_hz, bitrate=bitrate, data_bitrate=data_bitrate, profile=profile
+    )
     if most == 0:
         raise InputError(
             "executor.rate_hz",
@@ -228,7 +303,13 @@ def check(loads: Sequence[BusLoad], profile: str = "cia402") -> None:
         return
     worst = max(over, key=lambda load: load.worst)
     joints = sum(load.joints for load in loads)
-    needed = buses_needed(joints, rate_hz=worst.rate_hz, bitrate=worst.bitrate, profile=profile)
+    needed = buses_needed(
+        joints,
+        rate_hz=worst.rate_hz,
+        bitrate=worst.bitrate,
+        data_bitrate=worst.data_bitrate,
+        profile=profile,
+    )
     raise InputError(
         f"bus {worst.name}",
         f"{worst.joints} joints at {worst.rate_hz:g} Hz need {worst.worst:.0%} of the period"
@@ -250,7 +331,8 @@ def read_budget_s(load: BusLoad) -> float:
     bits = {"sync": 0.0, "command": 0.0, "answer": 0.0, "status": 0.0, "reserve": 0.0}
     for item in load.items:
         bits[item.role] += item.worst_bits
-    answers = bits["sync"] + bits["answer"] + worst_bits(8)
+    longest = max(item.frame_worst_bits for item in load.items)
+    answers = bits["sync"] + bits["answer"] + longest
     return min(
         answers / load.bitrate,
         1.0 / load.rate_hz - bits["command"] / load.bitrate,

@@ -17,7 +17,19 @@ import can
 import numpy as np
 
 from dftc_rt.bus.directory import check_directory, resolve_directory
-from dftc_rt.bus.frame import EFF_FLAG, EFF_MASK, ERR_FLAG, RTR_FLAG, Frames, frame_buffer
+from dftc_rt.bus.frame import (
+    BRS,
+    EFF_FLAG,
+    EFF_MASK,
+    ERR_FLAG,
+    ESI,
+    FD_FRAME_SIZE,
+    FDF,
+    FRAME_SIZE,
+    RTR_FLAG,
+    Frames,
+    frame_buffer,
+)
 from dftc_rt.bus.unix import UnixSocket, connect
 from dftc_rt.bus.wait import Waiter
 from dftc_rt.errors import BusError, DftcError
@@ -26,27 +38,31 @@ _ROOM_RETRY_S = 1e-3
 
 
 def to_frame(message: can.Message, frames: Frames, row: int) -> None:
-    """Write a python-can message into a row of a classical batch.
+    """Write a python-can message into a row of a batch.
 
     Raises:
-        can.CanOperationError: It is an FD or error frame, which this bus does not carry.
+        can.CanOperationError: It is an error frame, or an FD frame and the batch is classical.
     """
-    if message.is_fd or message.is_error_frame:
-        raise can.CanOperationError("this bus carries classical data and remote frames only")
+    if message.is_error_frame or (message.is_fd and frames.shape[1] != FD_FRAME_SIZE):
+        what = "data and remote frames" if message.is_error_frame else "classical frames"
+        raise can.CanOperationError(f"this bus carries {what} only")
     can_id = message.arbitration_id
     can_id |= EFF_FLAG if message.is_extended_id else 0
     can_id |= RTR_FLAG if message.is_remote_frame else 0
     frames[row] = 0
     frames[row, :4] = np.frombuffer(can_id.to_bytes(4, "little"), dtype=np.uint8)
     frames[row, 4] = message.dlc
+    if message.is_fd:
+        brs = BRS if message.bitrate_switch else 0
+        frames[row, 5] = FDF | brs | (ESI if message.error_state_indicator else 0)
     frames[row, 8 : 8 + len(message.data)] = message.data
 
 
 def to_message(frames: Frames, row: int, channel: str, timestamp: float) -> can.Message:
-    """Return a row of a classical batch as a python-can message.
+    """Return a row of a batch as a python-can message.
 
     Args:
-        frames: Classical batch, uint8, shape ``(capacity, 16)``.
+        frames: Batch, uint8, shape ``(capacity, 16)``, or ``(capacity, 72)`` for FD.
         row: Row to convert.
         channel: Logical bus name.
         timestamp: Time of reception, s since the epoch.
@@ -54,6 +70,8 @@ def to_message(frames: Frames, row: int, channel: str, timestamp: float) -> can.
     raw = frames[row].tobytes()
     can_id = int.from_bytes(raw[:4], "little")
     remote = bool(can_id & RTR_FLAG)
+    flags = raw[5] if len(raw) == FD_FRAME_SIZE else 0
+    fd = bool(flags & FDF)
     return can.Message(
         timestamp=timestamp,
         arbitration_id=can_id & EFF_MASK,
@@ -63,6 +81,9 @@ def to_message(frames: Frames, row: int, channel: str, timestamp: float) -> can.
         dlc=raw[4],
         data=b"" if remote else raw[8 : 8 + raw[4]],
         channel=channel,
+        is_fd=fd,
+        bitrate_switch=fd and bool(flags & BRS),
+        error_state_indicator=fd and bool(flags & ESI),
         is_rx=True,
     )
 
@@ -79,6 +100,7 @@ class DftcBus(can.BusABC):
         can_filters: Sequence[can.typechecking.CanFilter] | None = None,
         bus_dir: str | os.PathLike[str] | None = None,
         receive_own_messages: bool = False,
+        fd: bool = False,
         **kwargs: Any,
     ) -> None:
         """Join a bus that a rig has open.
@@ -88,6 +110,7 @@ class DftcBus(can.BusABC):
             can_filters: As for every python-can bus; applied on this side.
             bus_dir: Directory of the buses; by default found as the commands find it.
             receive_own_messages: Also receive what this node sends, once it is sent.
+            fd: Take part in CAN FD, besides classical frames; the rig's bus must carry it.
             **kwargs: Passed on to ``can.BusABC``.
 
         Raises:
@@ -101,9 +124,10 @@ class DftcBus(can.BusABC):
             raise can.CanInitializationError(str(error)) from error
         self.channel = channel
         self.channel_info = f"dftc {channel} in {directory}"
-        self._tx = frame_buffer(1)
+        size = FD_FRAME_SIZE if fd else FRAME_SIZE
+        self._tx = frame_buffer(1, size)
         self._sending = threading.Lock()  # periodic messages come from a thread of their own
-        self._rx = frame_buffer(1)
+        self._rx = frame_buffer(1, size)
         self._waiter = Waiter([self._node.fd])
         self._own: deque[can.Message] | None = deque() if receive_own_messages else None
         super().__init__(channel=channel, can_filters=can_filters, **kwargs)
@@ -112,7 +136,7 @@ class DftcBus(can.BusABC):
         """Send one message; from any thread.
 
         Args:
-            msg: Classical data or remote frame.
+            msg: Data or remote frame; FD frames on a bus opened with ``fd``.
             timeout: Seconds to wait for room in the socket; None does not wait.
 
         Raises:

@@ -10,11 +10,11 @@ import contextlib
 import os
 import threading
 from collections import deque
-from typing import Final
+from typing import Any, Final
 
 import can
 
-from dftc_rt.bus.frame import Frames
+from dftc_rt.bus.frame import FD_FRAME_SIZE, Frames
 from dftc_rt.bus.python_can import to_frame, to_message
 from dftc_rt.errors import BusError, EnvironmentLacksError
 
@@ -24,8 +24,9 @@ _LISTEN_S: Final = 0.05  # that the reading thread may notice late that the bus 
 class PythonCanSocket:
     """One python-can bus; a ``FrameSocket``.
 
-    Error and FD frames are left out. An interface without a descriptor to wait on is read by
-    a thread, which hands its messages over in order.
+    Error frames are left out, and FD frames where a buffer has rows for classical ones. An
+    interface without a descriptor to wait on is read by a thread, which hands its messages over
+    in order.
 
     Attributes:
         name: Logical bus name.
@@ -70,12 +71,13 @@ class PythonCanSocket:
         if self.fd < 0:
             raise BusError(self.name, "the bus has gone away (closed)")
         count = 0
+        wide = frames.shape[1] == FD_FRAME_SIZE
         try:
             while count < len(frames):
                 message = (self._reader or self._bus).recv(0.0)
                 if message is None:
                     break
-                if not message.is_error_frame and not message.is_fd:
+                if not message.is_error_frame and (wide or not message.is_fd):
                     to_frame(message, frames, count)
                     count += 1
         except (can.CanError, OSError) as error:
@@ -154,7 +156,9 @@ def _descriptor(bus: can.BusABC) -> int:
         return -1
 
 
-def open_python_can(name: str, interface: str, channel: str, bitrate: int) -> PythonCanSocket:
+def open_python_can(
+    name: str, interface: str, channel: str, bitrate: int, data_bitrate: int | None = None
+) -> PythonCanSocket:
     """Open a bus through python-can.
 
     Args:
@@ -162,13 +166,17 @@ def open_python_can(name: str, interface: str, channel: str, bitrate: int) -> Py
         interface: python-can interface (``pcan``).
         channel: Channel, as that interface names it.
         bitrate: Bits per second.
+        data_bitrate: Of the data part of FD frames; None: a classical bus.
 
     Raises:
         EnvironmentLacksError: python-can does not know the interface, or lacks its driver.
         BusError: The bus cannot be opened.
     """
+    options: dict[str, Any] = (
+        {} if data_bitrate is None else {"fd": True, "data_bitrate": data_bitrate}
+    )
     try:
-        bus = can.Bus(channel=channel, interface=interface, bitrate=bitrate)
+        bus = can.Bus(channel=channel, interface=interface, bitrate=bitrate, **options)
     except (can.CanInterfaceNotImplementedError, ImportError, NameError) as error:
         raise EnvironmentLacksError(
             f"python-can has no interface {interface} here ({error})",

@@ -79,6 +79,7 @@ def _needed(scenario: Scenario, robot: Robot) -> int | None:
             robot.n,
             rate_hz=scenario.executor.rate_hz,
             bitrate=scenario.bus.bitrate,
+            data_bitrate=scenario.bus.data_bitrate,
             profile=scenario.bus.profile,
         )
     except InputError:

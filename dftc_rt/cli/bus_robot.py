@@ -27,5 +27,6 @@ def scenario_and_robot(
         plant=table.plant,
         lock=table.lock,
         home_rad=table.home_rad,
+        joints_per_bus=table.joints_per_bus,
     )
     return loaded, robot

@@ -30,7 +30,7 @@ from dftc_rt.cli.processes.roles import Rings
 from dftc_rt.cli.session import Session
 from dftc_rt.cli.simulate import warm_up
 from dftc_rt.cli.status import Status
-from dftc_rt.drives.wiring import bus_names
+from dftc_rt.drives.wiring import bus_names, fd_bitrate
 from dftc_rt.errors import BusError, DriveError, EnvironmentLacksError, InputError
 
 _EXPECTED = (
@@ -118,7 +118,7 @@ def _join(
         InputError: The bus is not spelled as it must be, or is not what it says.
         EnvironmentLacksError: A bus is not there, or down.
     """
-    names = bus_names(opened.robot.joint_config)
+    names, table = bus_names(opened.robot.joint_config), opened.scenario.bus
     if bus == "unix":
         return _join_rig(names, resolve_directory(bus_dir), scenario)
     if bus == "vcan":
@@ -135,10 +135,13 @@ def _join(
         return _join_python_can(opened, bus, names)
     else:
         raise InputError("--bus", f"'{bus}'", _EXPECTED)
+    fd = fd_bitrate(table) is not None
     try:
-        return [SocketCanSocket(n, i) for n, i in zip(names, interfaces, strict=True)]
+        return [SocketCanSocket(n, i, fd=fd) for n, i in zip(names, interfaces, strict=True)]
     except BusError as error:
-        kind = "" if bus == "vcan" else f" type can bitrate {opened.scenario.bus.bitrate}"
+        kind = "" if bus == "vcan" else f" type can bitrate {table.bitrate}"
+        if kind and fd:
+            kind += f" dbitrate {table.data_bitrate} fd on"
         raise EnvironmentLacksError(
             str(error), f"ip -br link shows what there is; ip link set NAME up{kind}, as root"
         ) from None
@@ -159,9 +162,12 @@ def _join_python_can(opened: Session, bus: str, names: Sequence[str]) -> list[Fr
     if not interface or not colon:
         raise InputError("--bus", f"'{bus}'", "python-can:INTERFACE:CHANNEL,CHANNEL,…")
     sockets: list[FrameSocket] = []
+    table = opened.scenario.bus
     try:
         for name, channel in zip(names, _one_each(bus, channels, names), strict=True):
-            sockets.append(open_python_can(name, interface, channel, opened.scenario.bus.bitrate))
+            sockets.append(
+                open_python_can(name, interface, channel, table.bitrate, fd_bitrate(table))
+            )
     except BusError as error:
         for socket in sockets:
             socket.close()

@@ -27,7 +27,7 @@ from dftc_rt.cli.processes.roles import Rings
 from dftc_rt.cli.session import Session
 from dftc_rt.cli.simulate import warm_up
 from dftc_rt.cli.status import Status
-from dftc_rt.drives.wiring import bus_names
+from dftc_rt.drives.wiring import bus_names, fd_bitrate
 from dftc_rt.errors import DftcError
 from dftc_rt.log.pieces import read_pieces
 from dftc_rt.rt.executor import Counters, Outcome
@@ -140,7 +140,7 @@ def _launch(
         buses.let_go()
         roles.await_rig(flags)
         directory = buses.directory.path if buses.directory is not None else None
-        return join(names, choice, directory)
+        return join(names, choice, directory, fd_bitrate(opened.scenario.bus) is not None)
 
     def build() -> tuple[Rig, Sequence[BusPort]]:
         ports = buses.ports()

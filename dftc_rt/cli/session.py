@@ -107,6 +107,7 @@ def open_session(
         plant=table.plant,
         lock=table.lock,
         home_rad=table.home_rad,
+        joints_per_bus=table.joints_per_bus,
     )
     check_rig(loaded.scenario, robot)
     parts = prepare(loaded.scenario, robot)

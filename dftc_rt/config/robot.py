@@ -182,19 +182,43 @@ def default_joints(
         joints_per_bus: At 1 kHz and 1 Mbit/s, CiA 402 fits 3.
         velocity_limits: (n,) rad/s; None: unlimited.
     """
-    if joints_per_bus < 1:
-        raise InputError("joints_per_bus", f"found {joints_per_bus}", "1 or more")
     n = len(names)
     velocities = [math.inf] * n if velocity_limits is None else velocity_limits
-    buses = -(-n // joints_per_bus)
-    small, larger = divmod(n, buses) if buses else (0, 0)
-    bus_of = [bus for bus in range(buses) for _ in range(small + (bus < larger))]
+    buses = _evenly(n, joints_per_bus)
     return tuple(
-        resolve_joint(JointEntry(name=name, bus=f"can{bus}"), index + 1, limit, velocity)
+        resolve_joint(JointEntry(name=name, bus=bus), index + 1, limit, velocity)
         for index, (name, limit, velocity, bus) in enumerate(
-            zip(names, torque_limits, velocities, bus_of, strict=True)
+            zip(names, torque_limits, velocities, buses, strict=True)
         )
     )
+
+
+def on_new_buses(joints: Sequence[JointConfig], joints_per_bus: int) -> tuple[JointConfig, ...]:
+    """Return the drives wired anew: as few buses as ``joints_per_bus`` allows, filled evenly.
+
+    Raises:
+        InputError: Two drives that come to share a bus have the same node id.
+    """
+    buses = _evenly(len(joints), joints_per_bus)
+    wired = tuple(
+        msgspec.structs.replace(joint, bus=bus) for joint, bus in zip(joints, buses, strict=True)
+    )
+    taken: dict[tuple[str, int], str] = {}
+    for joint in wired:
+        other = taken.setdefault((joint.bus, joint.node_id), joint.name)
+        if other != joint.name:
+            what = f"{other} and {joint.name} would share node id {joint.node_id} on {joint.bus}"
+            raise InputError("robot.joints_per_bus", what)
+    return wired
+
+
+def _evenly(n: int, joints_per_bus: int) -> list[str]:
+    """Return the bus of each of n joints: can0, can1, …, as few as will do."""
+    if joints_per_bus < 1:
+        raise InputError("joints_per_bus", f"found {joints_per_bus}", "1 or more")
+    buses = -(-n // joints_per_bus)
+    small, larger = divmod(n, buses) if buses else (0, 0)
+    return [f"can{bus}" for bus in range(buses) for _ in range(small + (bus < larger))]
 
 
 def resolve_joint(

@@ -33,6 +33,7 @@ class RobotTable(Strict, frozen=True):
     plant: Plant | None = None
     lock: tuple[str, ...] = ()
     home_rad: tuple[float, ...] | None = None
+    joints_per_bus: Annotated[int, Meta(ge=1)] | None = None
 
 
 class ReferenceTable(Strict, frozen=True):
@@ -85,15 +86,23 @@ class MitTable(Strict, frozen=True):
     answer_bytes: Literal[6, 8] = 6
 
 
+class MoteusTable(Strict, frozen=True):
+    """``[bus.moteus]``: how moteus drives are commanded."""
+
+    host_id: Annotated[int, Meta(ge=0, le=127)] = 0
+    watchdog_s: Annotated[float, Meta(ge=0, le=1.27)] = 0.0
+
+
 class BusTable(Strict, frozen=True):
     """``[bus]``: how frames travel."""
 
     interface: Literal["auto", "vcan", "unix", "inprocess"] = "auto"
     timing: Literal["off", "account"] = "account"
-    profile: Literal["cia402", "mit"] = "cia402"
+    profile: Literal["cia402", "mit", "moteus"] = "cia402"
     bitrate: Annotated[int, Meta(ge=10_000, le=1_000_000)] = 1_000_000
     data_bitrate: Annotated[int, Meta(ge=10_000, le=8_000_000)] = 5_000_000
     mit: MitTable = MitTable()
+    moteus: MoteusTable = MoteusTable()
 
 
 class SupervisorTable(Strict, frozen=True):

@@ -131,16 +131,19 @@ class Profile:
         name: As in ``[bus] profile``.
         setup: (sockets, drives, rate_hz) -> set-up half.
         cycle: (drives, number of buses, rate_hz) -> cycle half.
+        fd: Whether its frames are CAN FD: all buffers then have rows of 72 bytes.
     """
 
     name: str
     setup: Callable[[Sequence[FrameSocket], Sequence[DriveConfig], float], DriveSetup]
     cycle: Callable[[Sequence[DriveConfig], int, float], DriveCycle]
+    fd: bool = False
 
 
 PROFILES: Final = {
     "cia402": "dftc_rt.drives.cia402.profile",
     "mit": "dftc_rt.drives.mit.profile",
+    "moteus": "dftc_rt.drives.moteus.profile",
 }
 """Name -> module that holds its ``PROFILE``."""
 

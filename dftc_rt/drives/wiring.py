@@ -8,10 +8,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from dftc_rt.bus.frame import FD_FRAME_SIZE, FRAME_SIZE
 from dftc_rt.config.robot import JointConfig
 from dftc_rt.config.scenario import BusTable
-from dftc_rt.drives.interface import DriveConfig
+from dftc_rt.drives.interface import DriveConfig, profile
 from dftc_rt.drives.mit.scale import mit_scales
+from dftc_rt.drives.moteus.scale import moteus_scales
 from dftc_rt.drives.scale import JointScale
 
 F64 = NDArray[np.float64]
@@ -53,8 +55,10 @@ def robot_drives(robot: Wired, bus: BusTable) -> list[DriveConfig]:
     """
     joints, constant = robot.joint_config, robot.torque_constant
     if bus.profile == "mit":
-        scales = mit_scales(joints, bus.mit, robot.lower, robot.upper, constant)
-        return _wire(joints, scales)
+        return _wire(joints, mit_scales(joints, bus.mit, robot.lower, robot.upper, constant))
+    if bus.profile == "moteus":
+        moteus = moteus_scales(joints, bus.moteus, robot.lower, robot.upper, constant)
+        return _wire(joints, moteus)
     return drive_configs(joints, constant)
 
 
@@ -107,6 +111,16 @@ def _wire(joints: Sequence[JointConfig], scales: Sequence[JointScale]) -> list[D
         DriveConfig(j.node_id, names.index(j.bus), scale)
         for j, scale in zip(joints, scales, strict=True)
     ]
+
+
+def fd_bitrate(bus: BusTable) -> int | None:
+    """Return the bit rate of the data of CAN FD frames; None on classical buses."""
+    return bus.data_bitrate if profile(bus.profile).fd else None
+
+
+def frame_size(bus: BusTable) -> int:
+    """Return the bytes of a row of every frame buffer: 16, or 72 where frames are CAN FD."""
+    return FRAME_SIZE if fd_bitrate(bus) is None else FD_FRAME_SIZE
 
 
 def bus_names(joints: Sequence[JointConfig]) -> list[str]:

@@ -15,6 +15,7 @@ from dftc_rt.config.robot import (
     RobotConfig,
     default_joints,
     load_robot_config,
+    on_new_buses,
     one_robot,
     resolve_joint,
 )
@@ -40,6 +41,7 @@ def load_robot(
     home_rad: Sequence[float] | None = None,
     gravity_m_s2: Sequence[float] | None = None,
     plant: str | None = None,
+    joints_per_bus: int | None = None,
 ) -> Robot:
     """Load a robot by name, from a bare URDF, or with the equations of a closed form.
 
@@ -54,6 +56,8 @@ def load_robot(
         gravity_m_s2: (3,); None: that of ``robot.toml``, else (0, 0, -9.81).
         plant: One of ``CLOSED_FORMS``: the robot of that name, whose equations of motion
             are the closed form.
+        joints_per_bus: Wire the drives to can0, can1, … anew, so many on a bus at most; None:
+            as ``robot.toml`` has it.
 
     Raises:
         InputError: Whatever about the robot is wrong or not supported.
@@ -92,6 +96,8 @@ def load_robot(
         limits.check(start, "robot.home_rad")
     gravity = config.gravity_m_s2 if gravity_m_s2 is None else gravity_m_s2
     drives = _drives(config, all_limits, by_file, limits, where)
+    if joints_per_bus is not None:
+        drives = on_new_buses(drives, joints_per_bus)
     if form is not None:
         check_fit(form, drives, lock, gravity_m_s2, where)
     stated = {entry.name for entry in config.joint if entry.torque_limit_nm is not None}

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dftc_rt.bus.barrier import find_barrier
-from dftc_rt.bus.frame import BARRIER_ID, Frames, frame_buffer, unpack
+from dftc_rt.bus.frame import BARRIER_ID, FRAME_SIZE, Frames, frame_buffer, unpack
 from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.bus.wait import Waiter
 from dftc_rt.drives.cia402 import codec, states
@@ -73,6 +73,7 @@ class DriveLink:
         clock: Clock,
         read_budget_s: float,
         event: Callable[[str, str], object],
+        frame_size: int = FRAME_SIZE,
     ) -> None:
         """Prepare buffers.
 
@@ -83,6 +84,7 @@ class DriveLink:
                 read budget otherwise.
             read_budget_s: Longest wait for answers from the tick on, s.
             event: Called as (source, text) for what a drive says besides its answers.
+            frame_size: Bytes of a row of every buffer: 16, or 72 where frames are CAN FD.
         """
         self._sockets = list(sockets)
         self._cycle = cycle
@@ -98,11 +100,11 @@ class DriveLink:
         self._zero = np.zeros(self.q.shape[0])
         self.missed = 0
         self.refused = 0
-        self._out = frame_buffer(_CAPACITY)
-        self._outs = [frame_buffer(_CAPACITY) for _ in self._sockets]  # in lock-step
+        self._out = frame_buffer(_CAPACITY, frame_size)
+        self._outs = [frame_buffer(_CAPACITY, frame_size) for _ in self._sockets]  # in lock-step
         self._words = [out.view("<u8") for out in self._outs]
         self._waiting = False  # in lock-step, commands that wait for the next SYNC
-        self._inbox = frame_buffer(_CAPACITY)
+        self._inbox = frame_buffer(_CAPACITY, frame_size)
         self._inbox_words = self._inbox.view("<u8")
         self._waiter = Waiter([socket.fd for socket in sockets])
         self._waiters = [Waiter([socket.fd]) for socket in sockets]
@@ -153,7 +155,7 @@ class DriveLink:
         cycle.begin()
         for bus in self._buses:
             row = cycle.sync(bus, self._outs[bus], rows[bus])
-            self._words[bus][row] = _BARRIER, number
+            self._words[bus][row, :2] = _BARRIER, number
             self._send(bus, self._outs[bus], row + 1)
         for bus in self._buses:
             self._until_barrier(bus, number)

@@ -12,12 +12,14 @@ from dftc_rt.drives.wiring import bus_names, robot_drives
 from dftc_rt.dynamics.model import Robot
 from hil.drive.interface import EmulatedDrives
 from hil.drive.mit import MitDrives
+from hil.drive.moteus import MoteusDrives
 from hil.drive.node402 import Cia402Drives
 from hil.drive.spec import DriveSpec
 
 _KINDS: Final[dict[str, Callable[[Sequence[DriveSpec], int], EmulatedDrives]]] = {
     "cia402": Cia402Drives,
     "mit": MitDrives,
+    "moteus": MoteusDrives,
 }
 
 

@@ -17,7 +17,7 @@ from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.bus.select import BusChoice
 from dftc_rt.bus.socketcan import SocketCanSocket
 from dftc_rt.cli.session import Session
-from dftc_rt.drives.wiring import bus_names
+from dftc_rt.drives.wiring import bus_names, fd_bitrate
 from hil.bus.port import BusPort
 from hil.bus.socketcan import SocketCanPort
 from hil.bus.unix import UnixPort, listen
@@ -62,11 +62,23 @@ class RigBuses:
         names = bus_names(self.opened.robot.joint_config)
         if self.choice.kind == "unix":
             return [
-                UnixPort(n, self._listeners[n], timing=table.timing, bitrate=table.bitrate)
+                UnixPort(
+                    n,
+                    self._listeners[n],
+                    timing=table.timing,
+                    bitrate=table.bitrate,
+                    data_bitrate=fd_bitrate(table),
+                )
                 for n in names
             ]
         return [
-            SocketCanPort(n, self.choice.interfaces[n], timing=table.timing, bitrate=table.bitrate)
+            SocketCanPort(
+                n,
+                self.choice.interfaces[n],
+                timing=table.timing,
+                bitrate=table.bitrate,
+                data_bitrate=fd_bitrate(table),
+            )
             for n in names
         ]
 
@@ -100,14 +112,22 @@ def make_rig(
     return Rig(opened.scenario, opened.robot, ports, q0, v0, sink, event)
 
 
-def join(names: Sequence[str], choice: BusChoice, directory: Path | None) -> list[FrameSocket]:
+def join(
+    names: Sequence[str], choice: BusChoice, directory: Path | None, fd: bool
+) -> list[FrameSocket]:
     """Open the controller's end of every bus.
+
+    Args:
+        names: Logical bus names.
+        choice: How frames are carried.
+        directory: Where the user-space buses live; None for vcan.
+        fd: Whether frames are CAN FD.
 
     Raises:
         BusError: A bus is not there.
     """
     if choice.kind == "vcan":
-        return [SocketCanSocket(name, choice.interfaces[name]) for name in names]
+        return [SocketCanSocket(name, choice.interfaces[name], fd=fd) for name in names]
     if directory is None:
         raise ValueError("the user-space bus needs a directory")
     return [unix.connect(name, directory) for name in names]

@@ -116,6 +116,23 @@ def test_another_profile_has_its_load_and_nothing_made_up(capfd: Lines, tmp_path
     assert "cia402" in capfd.readouterr().err
 
 
+def test_budget_of_can_fd_buses_wired_anew(capfd: Lines) -> None:
+    def ask(*settings: str, code: int = 0) -> Any:
+        options = [word for each in settings for word in ("--set", each)]
+        words = ("bus", "budget", PANDA, "--set", "bus.profile=moteus", *options)
+        return answer(capfd, *words, code=code)[0]
+
+    found = ask("robot.joints_per_bus=4")
+    assert [len(bus["joints"]) for bus in found["buses"]] == [4, 3]
+    assert found["buses"][0]["worst"] == pytest.approx(0.8328)
+    assert found["buses"][0]["busiest_bits"] == 833
+    assert found["buses_needed"] == 2
+    found = ask("robot.joints_per_bus=7", "executor.rate_hz=500")
+    assert [bus["worst"] for bus in found["buses"]] == [pytest.approx(7 * 208.2e-6 * 500)]
+    assert ask("robot.joints_per_bus=7", code=2)["fits"] is False
+    assert ask("bus.data_bitrate=2000000", code=2)["buses_needed"] == 4
+
+
 @pytest.mark.parametrize("command", ["budget", "up", "down"])
 def test_a_scenario_that_is_not_there(command: str, capfd: Lines) -> None:
     assert run(["bus", command, "nowhere"]) == 2

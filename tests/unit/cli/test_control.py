@@ -46,16 +46,22 @@ def test_no_rig_at_the_default_directory(
     assert "dftc rig" in lacks(["--bus", "unix"], capfd)
 
 
+@pytest.mark.parametrize(
+    ("profile", "kind"),
+    [("mit", "bitrate 1000000,"), ("moteus", "bitrate 1000000 dbitrate 5000000 fd on,")],
+)
 def test_an_interface_that_is_down(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    profile: str, kind: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    def down(name: str, interface: str) -> None:
+    def down(name: str, interface: str, *, fd: bool) -> None:
+        assert fd == (profile == "moteus")
         raise BusError(name, f"the interface {interface} is down")
 
     monkeypatch.setattr(control, "SocketCanSocket", down)
-    line = lacks(["--bus", "socketcan:can4,can5,can6"], capfd)
+    options = ["--set", f"bus.profile={profile}", "--bus", "socketcan:can4,can5,can6"]
+    line = lacks(options, capfd)
     assert "can4 is down" in line
-    assert "ip link set NAME up type can bitrate 1000000" in line
+    assert f"ip link set NAME up type can {kind} as root" in line
 
 
 def test_drives_that_do_not_answer(directory: Path, tmp_path: Path) -> None:

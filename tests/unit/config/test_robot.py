@@ -5,10 +5,13 @@ import pytest
 
 from dftc_rt.config import toml
 from dftc_rt.config.robot import (
+    JointEntry,
     RobotConfig,
     default_armature,
     default_joints,
     load_robot_config,
+    on_new_buses,
+    resolve_joint,
     robot_names,
     robots_dir,
 )
@@ -105,3 +108,23 @@ def test_three_joints_a_bus_at_most():
     for name in robot_names():
         buses = [joint.bus for joint in load_robot_config(name)[0].joint]
         assert max(buses.count(bus) for bus in buses) <= 3
+
+
+def test_drives_on_new_buses() -> None:
+    joints = default_joints([f"j{i}" for i in range(7)], [87.0] * 4 + [12.0] * 3)
+    wired = on_new_buses(joints, 4)
+    assert [joint.bus for joint in wired] == ["can0"] * 4 + ["can1"] * 3
+    assert [joint.node_id for joint in wired] == [1, 2, 3, 4, 5, 6, 7]
+    assert {joint.bus for joint in on_new_buses(joints, 7)} == {"can0"}
+    assert on_new_buses(joints, 3) == joints
+
+
+def test_drives_that_would_share_a_node_id() -> None:
+    joints = [
+        resolve_joint(JointEntry(name=name, bus=bus, node_id=1), 1, 10.0, 1.0)
+        for name, bus in (("a", "can0"), ("b", "can1"))
+    ]
+    assert [joint.bus for joint in on_new_buses(joints, 1)] == ["can0", "can1"]
+    line = "robot.joints_per_bus: a and b would share node id 1 on can0"
+    with pytest.raises(InputError, match=line):
+        on_new_buses(joints, 2)

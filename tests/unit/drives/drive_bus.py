@@ -8,9 +8,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dftc_rt.bus.frame import Frames, frame_buffer, pack, unpack
+from dftc_rt.bus.frame import FRAME_SIZE, Frames, frame_buffer, pack, pack_fd, unpack
 from dftc_rt.drives.interface import DriveConfig
 from dftc_rt.drives.scale import JointScale
+from hil.drive.interface import EmulatedDrives
 from hil.drive.node402 import Cia402Drives, DriveSpec
 
 
@@ -18,10 +19,12 @@ class DriveBus:
     """One bus of some emulated drives; a FrameSocket.
 
     With ``wakes`` it has a descriptor that is readable while frames wait, as a real
-    socket has; without, it is the in-process link.
+    socket has; without, it is the in-process link. Frames of 72 bytes are CAN FD.
     """
 
-    def __init__(self, drives: Cia402Drives, bus: int = 0, wakes: bool = False) -> None:
+    def __init__(
+        self, drives: EmulatedDrives, bus: int = 0, wakes: bool = False, size: int = FRAME_SIZE
+    ) -> None:
         self.drives = drives
         self.bus = bus
         self.name = f"can{bus}"
@@ -29,7 +32,7 @@ class DriveBus:
         self.deaf = False
         self.sent: list[tuple[int, bytes]] = []
         self._waiting: list[bytes] = []
-        self._out = frame_buffer(64)
+        self._out = frame_buffer(64, size)
 
     def send(self, frames: Frames, count: int) -> int:
         self.sent += [unpack(frames[row]) for row in range(count)]
@@ -65,9 +68,11 @@ class DriveBus:
 
     def exchange(self, *frames: tuple[int, bytes]) -> list[tuple[int, bytes]]:
         """Send some frames in one batch; return what came back."""
-        batch = frame_buffer(max(len(frames), 1))
+        size = self._out.shape[1]
+        make = pack if size == FRAME_SIZE else pack_fd
+        batch = frame_buffer(max(len(frames), 1), size)
         for row, (can_id, data) in enumerate(frames):
-            batch[row] = np.frombuffer(pack(can_id, data), dtype=np.uint8)
+            batch[row] = np.frombuffer(make(can_id, data), dtype=np.uint8)
         self.send(batch, len(frames))
         self.collect()
         return self.take()

@@ -153,7 +153,9 @@ def test_sync_counter_runs_from_1_to_240() -> None:
 
 def test_registry() -> None:
     assert profile("cia402").cycle is Cia402Cycle
-    with pytest.raises(InputError, match=r"^bus\.profile: 'profibus' \(expected cia402 or mit\)"):
+    with pytest.raises(
+        InputError, match=r"^bus\.profile: 'profibus' \(expected cia402 or mit or moteus\)"
+    ):
         profile("profibus")
 
 

@@ -1,0 +1,1 @@
+"""mjbots moteus over CAN FD: registers, torque by position mode without its gains."""
