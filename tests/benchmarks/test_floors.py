@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -11,8 +12,6 @@ from dftc_rt.dynamics.robot import load_robot
 from dftc_rt.dynamics.whole_body import WholeBody
 from dftc_rt.errors import EnvironmentLacksError
 from tests.benchmarks import cyclictest, mujoco_floor
-
-mujoco = pytest.importorskip("mujoco")
 
 # Laid out as cyclictest 2.4 prints it; 100 wake-ups, one of them beyond the histogram.
 HISTOGRAM = """\

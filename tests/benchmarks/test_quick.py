@@ -14,7 +14,6 @@ from tests.benchmarks.result import Aim, Result, Table, plain, show
 @pytest.mark.benchmark
 @pytest.mark.parametrize("name", command.NAMES)
 def test_quick_run_gives_tables(name: str) -> None:
-    pytest.importorskip("mujoco")
     result = command.run(name, quick=True)
     assert result.tables
     for table in result.tables:

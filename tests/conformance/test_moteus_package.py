@@ -15,8 +15,10 @@ from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import moteus
 import numpy as np
 import pytest
+from moteus import multiplex
 
 from dftc_rt.bus.directory import BusDirectory
 from dftc_rt.bus.frame import FD_FRAME_SIZE, frame_buffer, pack_fd, unpack
@@ -30,8 +32,6 @@ from hil.drive import slots
 from hil.drive.moteus import MoteusDrives
 from tests.unit.drives.moteus.moteus_bus import bus_of, configs, drives_of, scales
 
-moteus = pytest.importorskip("moteus")
-multiplex = pytest.importorskip("moteus.multiplex")
 Register = moteus.Register
 
 PATIENCE_S = 20.0
