@@ -18,6 +18,8 @@ from dftc_rt.drives.cia402.objects import EDS_PATH
 from hil.drive import slots
 from tests.unit.drives.drive_bus import DriveBus, drives_of, scales
 
+pytestmark = pytest.mark.realtime
+
 
 class DirectNetwork(canopen.Network):
     """canopen's network on a DriveBus; a service of the rig takes one millisecond."""

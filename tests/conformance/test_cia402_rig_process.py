@@ -20,6 +20,8 @@ from canopen.profiles.p402 import BaseNode402
 from dftc_rt.drives.cia402.objects import EDS_PATH
 from tests.integration.commands import DFTC, Started, started, until
 
+pytestmark = pytest.mark.realtime
+
 RIG = (
     DFTC, "rig", "panda_shoulder_loss", "--bus", "unix", "--set", "fault=[]",
     "--set", "executor.rate_hz=200", "--set", "rig.drive.watchdog_s=60.0",

@@ -32,6 +32,8 @@ from hil.drive import slots
 from hil.drive.moteus import MoteusDrives
 from tests.unit.drives.moteus.moteus_bus import bus_of, configs, drives_of, scales
 
+pytestmark = pytest.mark.realtime
+
 Register = moteus.Register
 
 PATIENCE_S = 20.0

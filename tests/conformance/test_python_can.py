@@ -24,6 +24,8 @@ from dftc_rt.bus.directory import BusDirectory
 from dftc_rt.bus.frame import frame_buffer
 from hil.bus.unix import UnixPort, listen
 
+pytestmark = pytest.mark.realtime
+
 PATIENCE_S = 20.0
 Connect = Callable[..., can.BusABC]
 

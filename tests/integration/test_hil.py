@@ -29,6 +29,8 @@ from tests.integration.commands import (
     until,
 )
 
+pytestmark = pytest.mark.realtime
+
 NAMES = {"dftc-controller", "dftc-rig", "dftc-recorder"}
 PERIOD_S = 0.001
 

@@ -239,6 +239,7 @@ def long(tmp_path: Path) -> Iterator[Started]:
         yield process
 
 
+@pytest.mark.realtime
 def test_three_seconds_in_real_time(tmp_path: Path) -> None:
     for _ in range(ATTEMPTS):
         with started(tmp_path / "run", *hil(tmp_path, 3), "--json") as process:
@@ -255,6 +256,7 @@ def test_three_seconds_in_real_time(tmp_path: Path) -> None:
     assert np.abs(logged.cycle["q"][moving] - logged.cycle["qd"][moving]).max() < 0.02
 
 
+@pytest.mark.realtime
 def test_sigint_is_a_safe_stop(long: Started, tmp_path: Path) -> None:
     pids = list(long.children().values())
     long.process.send_signal(signal.SIGINT)
@@ -267,6 +269,7 @@ def test_sigint_is_a_safe_stop(long: Started, tmp_path: Path) -> None:
     assert np.all(logged.rig["v"][-1] == 0.0)
 
 
+@pytest.mark.realtime
 def test_killed_controller_leaves_the_drives_to_their_watchdogs(
     long: Started, tmp_path: Path
 ) -> None:

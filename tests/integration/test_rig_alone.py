@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.realtime
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LINE = re.compile(r"(\w+) should be at (-?[\d.]+) rad and is at (-?[\d.]+)")
 

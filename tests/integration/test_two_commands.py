@@ -13,6 +13,8 @@ import pytest
 from dftc_rt.log.reader import read
 from tests.integration.commands import ATTEMPTS, DFTC, PATIENT, Started, dftc, stalled, started
 
+pytestmark = pytest.mark.realtime
+
 SCENARIO = ("ur5_elbow_loss", "--set", "duration_s=1.0", *PATIENT)
 
 

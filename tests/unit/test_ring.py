@@ -17,6 +17,8 @@ from hypothesis import strategies as st
 from dftc_rt.errors import InputError
 from dftc_rt.ring import Event, EventRing, Ring
 
+pytestmark = pytest.mark.realtime
+
 ROOT = Path(__file__).parents[2]
 
 

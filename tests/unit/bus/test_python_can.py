@@ -23,6 +23,8 @@ from dftc_rt.errors import BusError, EnvironmentLacksError
 from hil.bus.unix import UnixPort, listen
 from tests.conformance.bus_transports import batch, collect, collect_node, contents
 
+pytestmark = pytest.mark.realtime
+
 SENT = [(0x181, bytes(range(8))), (EFF_FLAG | 0x18FF_1234, b"\x01"), (RTR_FLAG | 0x701, b"")]
 MESSAGES = [
     can.Message(arbitration_id=0x181, is_extended_id=False, data=bytes(range(8))),

@@ -19,6 +19,8 @@ from dftc_rt.bus.unix import UnixSocket, connect
 from dftc_rt.bus.wait import Waiter, wait
 from dftc_rt.errors import BusError
 
+pytestmark = pytest.mark.realtime
+
 
 def counted(count: int, first: int = 0, size: int = 16) -> Frames:
     frames = frame_buffer(count, size)

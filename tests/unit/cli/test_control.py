@@ -14,6 +14,8 @@ from dftc_rt.errors import BusError
 from hil.bus.unix import listen
 from tests.integration.commands import dftc
 
+pytestmark = pytest.mark.realtime
+
 PANDA = "panda_shoulder_loss"
 
 

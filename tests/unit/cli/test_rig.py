@@ -9,6 +9,8 @@ import pytest
 
 from tests.integration.commands import DFTC, started
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.mark.parametrize("there", [False, True], ids=["made", "found"])
 def test_its_directory_goes_if_it_made_it(tmp_path: Path, there: bool) -> None:

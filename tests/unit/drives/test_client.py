@@ -13,6 +13,8 @@ from dftc_rt.errors import BusError, DriveError, InputError
 from hil.drive import slots
 from tests.unit.drives.drive_bus import DriveBus, configs, drives_of, read, scales, write
 
+pytestmark = pytest.mark.realtime
+
 
 def rig(n: int = 4, wakes: bool = False, **spec: float):
     drives = drives_of(scales(n), **spec)

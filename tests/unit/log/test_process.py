@@ -19,6 +19,8 @@ from dftc_rt.ring import EventRing, Ring
 
 from .conftest import Sample
 
+pytestmark = pytest.mark.realtime
+
 ROOT = Path(__file__).parents[3]
 
 

@@ -14,6 +14,8 @@ from dftc_rt.cli.main import build
 from dftc_rt.rt.doctor import OPTIONAL, REQUIRED, Check, examine
 from dftc_rt.rt.machine import Machine
 
+pytestmark = pytest.mark.realtime
+
 GOVERNOR = "/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"
 
 
