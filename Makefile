@@ -20,7 +20,7 @@ PYTEST_ARGS ?=
 CHOSEN := not vcan and not benchmark and not slow
 
 .DEFAULT_GOAL := help
-.PHONY: help install dev demo test test-vcan lint format benchmark examples wheel constraints clean
+.PHONY: help install dev demo test test-vcan lint format benchmark docs examples wheel constraints clean
 
 help: ## List the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -68,6 +68,10 @@ format: $(VENV)/.installed-dev ## Let ruff format and fix what it can
 
 benchmark: $(VENV)/.installed-dev ## Measure, each number with its floor from the same run
 	$(BIN)/python -m tests.benchmarks $(BENCHMARK_ARGS)
+
+# Both notices are about what may become of MkDocs, and would be taken for warnings about the pages.
+docs: $(VENV)/.installed-dev ## Build the documentation as a site, into build/site
+	DISABLE_MKDOCS_2_WARNING=true NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 examples: $(VENV)/.installed-dev ## Run every example
 	@set -e; for example in examples/*.py; do \
