@@ -99,5 +99,25 @@ class BusError(DftcError, OSError):
         return f"{self.bus}: {self.what}"
 
 
+class LawError(DftcError, RuntimeError):
+    """A control law that is not ours raised something.
+
+    Attributes:
+        law: Its name, ``module:Class``.
+        error: What it raised.
+    """
+
+    def __init__(self, law: str, error: Exception) -> None:
+        self.law = law
+        self.error = error
+        place = ""
+        trace = error.__traceback__
+        while trace is not None:
+            code = trace.tb_frame.f_code
+            place = f" ({code.co_filename}:{trace.tb_lineno})"
+            trace = trace.tb_next
+        super().__init__(f"law {law}: {type(error).__name__}: {error}{place}")
+
+
 class LogError(InputError):
     """A log cannot be read: torn, foreign, or lacking a topic."""

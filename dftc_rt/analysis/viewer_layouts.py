@@ -128,7 +128,9 @@ def plotjuggler_layout(joints: Sequence[str]) -> str:
         XML, to be opened with "Layout > Load" after the log, or ``plotjuggler -d LOG -l FILE``.
     """
     root = ElementTree.Element("root")
-    window = ElementTree.SubElement(root, "tabbed_widget", name="Main Window", parent="main_window")
+    window = ElementTree.SubElement(
+        root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"}
+    )
     for title, curves in GROUPS:
         _tab(
             window,

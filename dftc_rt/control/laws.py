@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from dftc_rt.control import derate, settings
+from dftc_rt.control import derate, plugin, settings
 from dftc_rt.control.baselines.adaptive import Adaptive
 from dftc_rt.control.baselines.base import AddFriction, Effectiveness, InverseDynamics, Matrices
 from dftc_rt.control.baselines.computed_torque import ComputedTorque
@@ -47,7 +47,7 @@ def build(
     """Make a law by name.
 
     Args:
-        name: One of :data:`NAMES`.
+        name: One of :data:`NAMES`, or ``module:Class`` (:mod:`dftc_rt.control.plugin`).
         n: Number of joints.
         period_s: Control period, s.
         torque_limit: Largest torque, scalar or (n,), Nm.
@@ -69,9 +69,10 @@ def build(
 
     Raises:
         InputError: The name is unknown, or a value is wrong.
+        LawError: A law of one's own raised something.
     """
-    if name not in NAMES:
-        raise InputError("control.law", repr(name), " | ".join(NAMES))
+    if name not in NAMES and ":" not in name:
+        raise InputError("control.law", repr(name), " | ".join(NAMES) + " | module:Class")
     limit = _positive("torque_limit", torque_limit, n)
     resolution = np.broadcast_to(np.asarray(torque_resolution, np.float64), (n,)).copy()
     delay = np.broadcast_to(np.asarray(delay_cycles, np.int64), (n,)).copy()
@@ -92,6 +93,14 @@ def build(
         velocity_limit=np.where(np.isfinite(speed) & (speed > 0.0), speed, 3.0),
     )
     gains = dict(gains)
+    if ":" in name:
+        ours = {key: value for key, value in gains.items() if key in settings.NAMES}
+        if inverse_dynamics is not None:
+            ours.update(_held(ours, joints, inverse_dynamics))
+        values = settings.parse(ours, n, printed=False).values
+        gains |= {"lam": list(values["lam"]), "k": list(values["k"])}
+        given = plugin.Given(joints, gains, inverse_dynamics, add_friction, matrices, ftc)
+        return plugin.load(name, given)
     if name != "paper" and inverse_dynamics is not None:
         gains.update(_held(gains, joints, inverse_dynamics))
     if name in ("dftc", "paper"):
