@@ -24,6 +24,7 @@ class Recorded:
     Attributes:
         cycles: Records of ``/cycle`` logged.
         rig: Records of ``/rig`` logged.
+        frames: Records of ``/can`` logged.
         events: Events logged.
         dropped: Records lost to a full ring, by the ring's name.
         finished: Whether every writer had closed and its ring was empty; False when the
@@ -32,6 +33,7 @@ class Recorded:
 
     cycles: int
     rig: int
+    frames: int
     events: int
     dropped: dict[str, int]
     finished: bool
@@ -44,6 +46,7 @@ def record(
     recorder: Recorder,
     stop: Callable[[], bool],
     *,
+    frame_ring: Ring | None = None,
     wait: Callable[[float], object] = time.sleep,
     clock: Callable[[], float] = time.monotonic,
 ) -> Recorded:
@@ -58,6 +61,7 @@ def record(
         event_rings: Events of controller, rig and launcher.
         recorder: Where it goes.
         stop: Asked every pass; true to end (a signal, or the parent has gone).
+        frame_ring: Every frame; None when they are not logged.
         wait: Sleeps so many seconds between passes; may return early.
         clock: Monotonic time, s.
 
@@ -68,8 +72,10 @@ def record(
     rings: dict[str, Ring | EventRing] = {"cycle": cycle_ring}
     if rig_ring is not None:
         rings["rig"] = rig_ring
+    if frame_ring is not None:
+        rings["can"] = frame_ring
     rings |= {f"events {i}": ring for i, ring in enumerate(event_rings)}
-    done = Recorded(0, 0, 0, dict.fromkeys(rings, 0), False)
+    done = Recorded(0, 0, 0, 0, dict.fromkeys(rings, 0), False)
     while True:
         # Asked before draining: what was committed before the end is then drained.
         done.finished = all(ring.closed for ring in rings.values())
@@ -77,6 +83,8 @@ def record(
         done.cycles += _drain(cycle_ring, recorder.write_cycles)
         if rig_ring is not None:
             done.rig += _drain(rig_ring, recorder.write_rig)
+        if frame_ring is not None:
+            done.frames += drain_frames(frame_ring, recorder, ending)
         done.events += sum(_drain_events(ring, recorder) for ring in event_rings)
         _report_drops(rings, done.dropped, recorder)
         if ending:
@@ -95,6 +103,30 @@ def _drain(ring: Ring, write: Callable[[NDArray[np.float64]], None]) -> int:
         ring.advance(len(block))
         left -= len(block)
     return count
+
+
+def drain_frames(ring: Ring, recorder: Recorder, ending: bool) -> int:
+    """Log the frames in the ring, once it is known when run time began.
+
+    A run that ends before that has its last frame at 0.
+
+    Args:
+        ring: Every frame.
+        recorder: Where it goes.
+        ending: Whether this is the last time.
+
+    Raises:
+        LogError: The file cannot be written.
+        EnvironmentLacksError: The disk is full.
+    """
+    origin = ring.origin
+    if origin is not None:
+        at = 1e-9 * origin
+    elif ending and (newest := ring.latest()) is not None:
+        at = float(newest[0])
+    else:
+        return 0
+    return _drain(ring, lambda block: recorder.write_frames(block, at))
 
 
 def _drain_events(ring: EventRing, recorder: Recorder) -> int:
