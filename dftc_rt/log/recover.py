@@ -11,7 +11,7 @@ from mcap.records import Attachment, Channel, Chunk, Header, Message, Metadata, 
 from mcap.writer import CompressionType, Writer
 
 from dftc_rt.errors import LogError
-from dftc_rt.log.chunks import DAMAGE, MAGIC, open_chunk, records
+from dftc_rt.log.chunks import DAMAGE, MAGIC, cut, records
 
 
 @dataclass
@@ -100,11 +100,12 @@ class _Copy:
         if isinstance(record, Header):
             self.start(record.profile)
         elif isinstance(record, Chunk):
-            schemas, channels, messages = open_chunk(record)
-            for inner in (*schemas, *channels):
+            found = cut(record)
+            for inner in (*found.schemas, *found.channels):
                 self.add(inner)
-            for channel, sequence, log_time, publish_time, payload in messages:
-                self._message(channel, sequence, log_time, publish_time, payload)
+            for k in range(len(found.start)):
+                channel, sequence, log_time, publish_time = found.head(k)
+                self._message(channel, sequence, log_time, publish_time, found.payload(k))
         elif isinstance(record, Schema) and record.id not in self._schemas:
             self._schemas[record.id] = self._writer.register_schema(
                 record.name, record.encoding, record.data

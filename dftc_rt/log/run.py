@@ -18,6 +18,21 @@ Signals = dict[str, NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
+class CanFrames:
+    """Every frame that the controller sent or received, K of them, in that order.
+
+    Attributes:
+        buses: Logical bus names.
+        records: Shape (K,), fields ``t`` (s), ``id`` (with flags), ``bus`` (index), ``tx``
+            (sent by the controller), ``flags`` (of CAN FD), ``length``, ``data`` (8 or 64
+            bytes): :func:`dftc_rt.bus.frame_record.record_dtype`.
+    """
+
+    buses: tuple[str, ...]
+    records: NDArray[np.void]
+
+
+@dataclass(frozen=True)
 class Run:
     """One run, K cycles of n joints.
 
@@ -30,6 +45,7 @@ class Run:
         urdf: The robot ("" when unknown).
         torque_limit: What commands are held to, n of them, Nm; None when unknown.
         metadata: Metadata records by name, e.g. ``versions``.
+        can: Every frame; None when they were not logged, or not asked for.
     """
 
     joints: tuple[str, ...]
@@ -40,6 +56,12 @@ class Run:
     urdf: str = ""
     torque_limit: tuple[float, ...] | None = None
     metadata: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    can: CanFrames | None = None
+
+    @property
+    def epoch_ns(self) -> int:
+        """Unix time of t = 0, ns; 0 in lock-step."""
+        return int(self.metadata.get("dftc_rt", {}).get("epoch_ns", "0"))
 
     @classmethod
     def from_records(
