@@ -53,6 +53,17 @@ def record_dtype(data: int) -> np.dtype[Any]:
     )
 
 
+def frames_of(records: Records, frame_size: int) -> Frames:
+    """Return records as the rows of a batch, uint8, shape ``(K, frame_size)``."""
+    frames = np.zeros((len(records), frame_size), np.uint8)
+    frames[:, :4] = np.ascontiguousarray(records["id"]).view(np.uint8).reshape(-1, 4)
+    frames[:, 4] = records["length"]
+    frames[:, 5] = records["flags"]
+    room = min(records["data"].shape[1], frame_size - 8)
+    frames[:, 8 : 8 + room] = records["data"][:, :room]
+    return frames
+
+
 @numba.njit("int64(uint8[:, ::1], int64, int64, int64, int64, uint8[:, ::1])", cache=True)
 def _write(
     frames: Frames, count: int, barriers: int, bus: int, tx: int, raw: NDArray[np.uint8]
@@ -84,6 +95,7 @@ class RecordBatch:
 
     Attributes:
         words: The records as float64, shape (capacity, :func:`record_words`).
+        raw: The same memory as bytes.
     """
 
     def __init__(self, capacity: int, data: int, *, barriers: bool) -> None:
@@ -96,7 +108,7 @@ class RecordBatch:
                 lock-step they are no frames of the bus.
         """
         self.words = np.zeros((capacity, record_words(data)))
-        self._raw = self.words.view(np.uint8)
+        self.raw = self.words.view(np.uint8)
         self._barriers = int(barriers)
 
     def fill(self, frames: Frames, count: int, t: float, bus: int, tx: bool) -> int:
@@ -109,6 +121,6 @@ class RecordBatch:
             bus: Index of the bus.
             tx: Whether they were sent, rather than received.
         """
-        kept: int = _write(frames, count, self._barriers, bus, int(tx), self._raw)
+        kept: int = _write(frames, count, self._barriers, bus, int(tx), self.raw)
         self.words[:kept, 0] = t
         return kept

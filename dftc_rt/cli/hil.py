@@ -99,7 +99,7 @@ def _over(
     json: bool,
 ) -> Ended:
     """Open the buses, run, and close them."""
-    buses = RigBuses(opened, choice)
+    buses = RigBuses(bus_names(opened.robot.joint_config), opened.scenario.bus, choice)
     buses.open(directory)
 
     def abandon() -> None:

@@ -114,7 +114,7 @@ class Cut:
 
     def head(self, k: int) -> tuple[int, int, int, int]:
         """Channel, sequence, log time and publish time, ns, of message k."""
-        return _MESSAGE.unpack_from(self.data, self.start[k] - _MESSAGE_BYTES)
+        return _MESSAGE.unpack_from(self.data.data, self.start[k] - _MESSAGE_BYTES)
 
     def payload(self, k: int) -> bytes:
         """Payload of message k."""
@@ -148,7 +148,7 @@ def _find(data: NDArray[np.uint8], found: NDArray[np.int64]) -> int:
     while at < end:
         if end - at < 9 or count == found.shape[1]:
             return -1
-        opcode, size = np.int64(data[at]), np.int64(0)
+        opcode, size = data[at], np.int64(0)
         for i in range(8):
             size |= np.int64(data[at + 1 + i]) << (8 * i)
         at += 9
@@ -164,9 +164,9 @@ def _find(data: NDArray[np.uint8], found: NDArray[np.int64]) -> int:
         elif opcode in (3, 4):
             found[0, count] = at - 9
             found[1, count] = size + 9
-            found[2, count] = -opcode
+            found[2, count] = -np.int64(opcode)
             count += 1
-        at += size
+        at = at + int(size)
     return count
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dftc_rt.log.recorder import Recorder
-from dftc_rt.ring import EventRing, Ring
+from dftc_rt.ring import Event, EventRing, Ring
 
 DRAIN_S: Final = 0.02
 _WARNING: Final = 2
+_SOURCE: Final = "recorder"
+_DROPPED: Final = re.compile(r"(\d+) records of ring '(.+)' dropped: it was full")
 
 
 @dataclass
@@ -146,5 +149,16 @@ def _report_drops(
         dropped = ring.dropped
         if dropped > known[name]:
             text = f"{dropped - known[name]} records of ring {name!r} dropped: it was full"
-            recorder.write_event(recorder.t, _WARNING, "recorder", text)
+            recorder.write_event(recorder.t, _WARNING, _SOURCE, text)
             known[name] = dropped
+
+
+def dropped_records(events: Iterable[Event], ring: str) -> int:
+    """Return how many records of a ring a log lacks, as its events tell.
+
+    Args:
+        events: Of the log.
+        ring: Its name, ``can`` for the frames.
+    """
+    told = (_DROPPED.fullmatch(event.text) for event in events if event.source == _SOURCE)
+    return sum(int(match[1]) for match in told if match is not None and match[2] == ring)

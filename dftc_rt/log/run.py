@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dftc_rt.errors import InputError
-from dftc_rt.log.schema import Layout, rig_layout
+from dftc_rt.errors import EnvironmentLacksError, InputError
+from dftc_rt.log.schema import Layout, field_name, rig_layout
 from dftc_rt.ring import Event
 
 Signals = dict[str, NDArray[np.float64]]
@@ -62,6 +62,58 @@ class Run:
     def epoch_ns(self) -> int:
         """Unix time of t = 0, ns; 0 in lock-step."""
         return int(self.metadata.get("dftc_rt", {}).get("epoch_ns", "0"))
+
+    def columns(self, topic: str = "/cycle") -> dict[str, NDArray[Any]]:
+        """The fields of a topic by name, as the log has them: ``q_panda_joint1``.
+
+        Args:
+            topic: ``/cycle``, ``/rig`` or ``/can``.
+
+        Returns:
+            Field -> shape (K,); of ``/can``, ``data`` has shape (K, 8) or (K, 64).
+
+        Raises:
+            InputError: The run does not have the topic.
+        """
+        signals = {"/cycle": self.cycle, "/rig": self.rig}.get(topic)
+        if topic == "/can" and self.can is not None:
+            records = self.can.records
+            return {name: records[name] for name in records.dtype.names or ()}
+        if signals is None:
+            raise InputError(topic, "not in this run", "/cycle, or /rig or /can where logged")
+        found: dict[str, NDArray[Any]] = {}
+        for name, values in signals.items():
+            if values.ndim == 1:
+                found[name] = values
+                continue
+            for i, joint in enumerate(self.joints):
+                found[f"{name}_{field_name(joint)}"] = values[:, i]
+        return found
+
+    def frame(self, topic: str = "/cycle") -> Any:
+        """A topic as a pandas ``DataFrame`` with the index ``t``, s.
+
+        In that of ``/can``, ``bus`` is the bus's name and ``data`` the bytes that count.
+
+        Args:
+            topic: ``/cycle``, ``/rig`` or ``/can``.
+
+        Raises:
+            InputError: The run does not have the topic.
+            EnvironmentLacksError: pandas is not installed.
+        """
+        try:
+            import pandas as pd
+        except ImportError:
+            raise EnvironmentLacksError(
+                "pandas is not installed", "pip install 'dftc_rt[tables]'"
+            ) from None
+        columns: dict[str, Any] = self.columns(topic)
+        if topic == "/can" and self.can is not None:
+            columns["bus"] = np.array(self.can.buses)[columns["bus"]]
+            rows = zip(columns["data"], columns["length"].tolist(), strict=True)
+            columns["data"] = [row[:length].tobytes() for row, length in rows]
+        return pd.DataFrame(columns).set_index("t")
 
     @classmethod
     def from_records(

@@ -90,17 +90,14 @@ class FrameTap:
 class _TappedSocket:
     """A ``FrameSocket`` whose frames are logged."""
 
-    __slots__ = ("_bus", "_socket", "_tap", "name")
+    __slots__ = ("_bus", "_socket", "_tap", "fd", "name")
 
     def __init__(self, socket: FrameSocket, bus: int, tap: FrameTap) -> None:
         self.name = socket.name
+        self.fd = socket.fd
         self._socket = socket
         self._bus = bus
         self._tap = tap
-
-    @property
-    def fd(self) -> int:
-        return self._socket.fd
 
     def send(self, frames: Frames, count: int) -> int:
         accepted = self._socket.send(frames, count)
@@ -116,3 +113,4 @@ class _TappedSocket:
 
     def close(self) -> None:
         self._socket.close()
+        self.fd = self._socket.fd
