@@ -61,7 +61,7 @@ class _Tape:
         self.records = records
         self.frames = frames_of(records, frame_size)
         self.sent = records["tx"]
-        raw = np.ascontiguousarray(records).view(np.uint8).reshape(len(records), -1)
+        raw = np.ascontiguousarray(records).view(np.uint8).reshape(-1, records.dtype.itemsize)
         self.bytes = [row.tobytes() for row in raw[:, _TIME_BYTES:]]
         # Where the next frame of the controller is, from each place on.
         places = np.where(self.sent, np.arange(len(records)), len(records))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from typing import IO, Final
@@ -51,8 +51,15 @@ _READ: Final = frozenset(
 )  # fmt: skip
 
 
-def records(stream: IO[bytes]) -> Iterator[McapRecord]:
+def records(
+    stream: IO[bytes], damaged: Callable[[str], object] | None = None
+) -> Iterator[McapRecord]:
     """The file's records, with chunks left closed; indices and the summary's are left out.
+
+    Args:
+        stream: The file.
+        damaged: Called with the name of an attachment that does not have its checksum, which
+            is then left out; None: it is damage like any other.
 
     Raises:
         One of :data:`DAMAGE`, where the file ends early or is damaged.
@@ -72,8 +79,11 @@ def records(stream: IO[bytes]) -> Iterator[McapRecord]:
             continue
         raw = stream.read(length)
         record = _parse(head + raw)
-        if isinstance(record, Attachment):
-            _check(raw)
+        if isinstance(record, Attachment) and not _intact(raw):
+            if damaged is None:
+                raise ValueError(f"the attachment {record.name} is damaged")
+            damaged(record.name)
+            continue
         yield record
         if isinstance(record, Footer):
             _magic(stream)
@@ -85,11 +95,10 @@ def _magic(stream: IO[bytes]) -> None:
         raise ValueError("no MCAP file, or one that goes on behind its end")
 
 
-def _check(attachment: bytes) -> None:
-    """Compare an attachment with its checksum, which the mcap library does not."""
+def _intact(attachment: bytes) -> bool:
+    """Whether an attachment has its checksum, which the mcap library does not look at."""
     (expected,) = struct.unpack_from("<I", attachment, len(attachment) - 4)
-    if expected and zlib.crc32(attachment[:-4]) != expected:
-        raise ValueError("an attachment is damaged")
+    return not expected or zlib.crc32(attachment[:-4]) == expected
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,124 @@
+"""Recorded frames, played back over sockets: the controller sends the same again, or not."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dftc_rt.analysis import load
+from dftc_rt.cli.main import run
+from tests.integration.commands import DFTC, dftc, repeatable, started
+
+SHORT = ("--set", "duration_s=0.4", "--set", "fault[0].start_s=0.1")
+SCENARIO = "panda_shoulder_loss"
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    log = tmp_path_factory.mktemp("simulated") / "run.mcap"
+    assert run(["simulate", SCENARIO, "--frames", "--log", str(log), "--json", *SHORT]) == 0
+    return log
+
+
+@pytest.fixture(scope="module")
+def recorded(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    log = tmp_path_factory.mktemp("recorded") / "run.mcap"
+    options = ("--lockstep", "--bus", "unix", "--frames", "--log", log, "--json", "--no-report")
+    done = dftc("hil", SCENARIO, *options, *SHORT)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["recorder_dropped"]["can"] == 0
+    return log
+
+
+def play(
+    recording: Path, folder: Path, *settings: str, scenario: str = SCENARIO
+) -> tuple[int, dict[str, object], Path]:
+    """Play a recording to a controller; return the player's exit code, what it found, and the
+    controller's log.
+    """
+    buses = ("--bus", "unix", "--bus-dir", folder / "buses")
+    with started(folder / "player", DFTC, "play", recording, *buses, "--json") as player:
+        player.until_said("Ctrl-C ends")
+        log = folder / "again.mcap"
+        options = ("--lockstep", "--frames", "--log", log, "--json", "--no-report")
+        dftc("control", scenario, *buses, *options, *settings)
+        code = player.end()
+        assert not (folder / "buses").exists()
+        return code, json.loads(player.out), log
+
+
+def test_frames_of_hil_and_simulate_are_the_same(simulated: Path, recorded: Path) -> None:
+    here, there = load(simulated).can, load(recorded).can
+    assert here is not None
+    assert there is not None
+    for bus in range(3):  # between the buses of a cycle there is no order
+        one, other = (can.records[can.records["bus"] == bus] for can in (here, there))
+        cyclic = np.flatnonzero(one["t"] >= 0.0)
+        assert len(cyclic) > 400 * 4
+        assert one.tobytes() == other.tobytes()
+    assert repeatable(simulated) == repeatable(recorded)
+
+
+def test_played_back_the_controller_sends_the_same_bits(recorded: Path, tmp_path: Path) -> None:
+    code, found, log = play(recorded, tmp_path, *SHORT)
+    before, after = load(recorded), load(log)
+    assert before.can is not None
+    assert after.can is not None
+    sent = int(before.can.records["tx"].sum())
+    assert found == {
+        "equal": True,
+        "frames": sent,
+        "compared": sent,
+        "differing": 0,
+        "first_difference": None,
+    }
+    assert code == 0
+    assert sent > 400 * (3 + 7)
+    for name in ("q", "tau_cmd", "rho_hat"):
+        np.testing.assert_array_equal(after.cycle[name], before.cycle[name])
+    for bus in range(3):
+        one, other = (can.records[can.records["bus"] == bus] for can in (before.can, after.can))
+        assert one.tobytes() == other.tobytes()
+
+
+def test_with_another_gain_the_first_difference_is_named(recorded: Path, tmp_path: Path) -> None:
+    code, found, log = play(recorded, tmp_path, *SHORT, "--set", "control.gains.lam=24.0")
+    assert code == 1
+    assert found["equal"] is False
+    first = found["first_difference"]
+    assert isinstance(first, dict)
+    assert re.fullmatch(r"0x20[1-7] 0F 00( [0-9A-F]{2}){2}", first["expected"])
+    assert first["expected"][:11] == first["found"][:11]
+    assert first["expected"] != first["found"]
+    # It is the first of all frames of both recordings at which they part.
+    before, after = load(recorded).can, load(log).can
+    assert before is not None
+    assert after is not None
+    bus = before.buses.index(first["bus"])
+    one, other = (can.records[can.records["bus"] == bus] for can in (before, after))
+    count = min(len(one), len(other))
+    raw = (records[:count].tobytes() for records in (one, other))
+    a, b = (np.frombuffer(each, np.uint8).reshape(count, -1) for each in raw)
+    k = int(np.argmax((a != b).any(axis=1)))
+    assert one["tx"][k]
+    assert (first["t"], first["cycle"]) == (one["t"][k], round(one["t"][k] * 1000))
+
+
+def test_a_controller_that_stops_early_is_no_success(recorded: Path, tmp_path: Path) -> None:
+    code, found, _ = play(recorded, tmp_path, "--set", "duration_s=0.2")
+    assert code == 1
+    assert found["equal"] is False
+    assert found["compared"] < found["frames"]
+
+
+@pytest.mark.parametrize("profile", ["mit", "moteus"])
+def test_other_profiles(profile: str, tmp_path: Path) -> None:
+    settings = [f"bus.profile={profile}", "executor.rate_hz=500", "duration_s=0.3", "fault=[]"]
+    log, options = tmp_path / "run.mcap", [x for s in settings for x in ("--set", s)]
+    assert run(["simulate", SCENARIO, "--frames", "--log", str(log), "--json", *options]) == 0
+    code, found, _ = play(log, tmp_path, *options)
+    assert (code, found["equal"]) == (0, True), found
