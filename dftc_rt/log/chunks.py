@@ -129,22 +129,15 @@ class Cut:
         """Payload of message k."""
         return self.data[self.start[k] : self.start[k] + self.size[k]].tobytes()
 
-    def rows(self, which: NDArray[np.int64], skip: int) -> NDArray[np.uint8] | None:
-        """Payloads side by side, without their first bytes; None when they differ in length.
+    def gather(self, which: NDArray[np.int64], skip: int, out: NDArray[np.uint8]) -> None:
+        """Copy payloads side by side, without their first bytes.
 
         Args:
-            which: Numbers of the messages, (m,), at least one.
+            which: Numbers of the messages, (m,), of one size.
             skip: Bytes to leave out at the start of each.
-
-        Returns:
-            Shape ``(m, size - skip)``.
+            out: Where to, C-contiguous, (m, size - skip).
         """
-        size = self.size[which]
-        if size[0] <= skip or (size != size[0]).any():
-            return None
-        out = np.empty((len(which), int(size[0]) - skip), np.uint8)
         _gather(self.data, self.start[which] + skip, out)
-        return out
 
 
 @numba.njit(numba.int64(_BYTES, numba.int64[:, ::1]), cache=True)

@@ -22,6 +22,7 @@ from dftc_rt.ring import Event
 
 _FIXED: Final = ("/cycle", "/rig")
 _EVENTS: Final = "/events"
+_ROWS: Final = 16384  # to begin with
 
 
 def read(path: str | Path, *, torn: bool = False, frames: bool = False) -> Run:
@@ -83,21 +84,62 @@ def _has_end(stream: IO[bytes]) -> bool:
     return stream.read() == MAGIC
 
 
+class _Rows:
+    """Payloads of one length side by side, behind their CDR header.
+
+    One block that doubles: many small ones cost more in fresh memory than the reading itself.
+
+    Attributes:
+        count: How many there are.
+        uneven: There was one of another length; only those before it are here.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.uneven = False
+        self._block = np.empty((0, 0), np.uint8)
+
+    def take(self, found: Cut, which: NDArray[np.int64]) -> None:
+        size = found.size[which]
+        step = int(size[0]) - len(CDR_HEADER)
+        if not self.count and step > 0:
+            self._block = np.empty((_ROWS, step), np.uint8)
+        if step != self._block.shape[1] or (size != size[0]).any():
+            self.uneven = True
+            return
+        end = self.count + len(which)
+        if end > len(self._block):
+            grown = np.empty((max(end, 2 * len(self._block)), step), np.uint8)
+            grown[: self.count] = self._block[: self.count]
+            self._block = grown
+        found.gather(which, len(CDR_HEADER), self._block[self.count : end])
+        self.count = end
+
+    def block(self, where: str, step: int) -> NDArray[np.uint8]:
+        """All of them, shape ``(count, step)``.
+
+        Raises:
+            LogError: One has another length.
+        """
+        if self.uneven or (self.count and self._block.shape[1] != step):
+            expected = f"{len(CDR_HEADER) + step} bytes"
+            raise LogError(where, "a message of another length", expected)
+        return self._block[: self.count] if self.count else np.empty((0, step), np.uint8)
+
+
 @dataclass
 class _Topic:
     """The messages of one topic.
 
     Attributes:
         schema: Number of its schema.
-        rows: Payloads side by side behind their CDR header, a block a chunk; of fixed length.
-        payloads: Payloads one by one, of any length.
-        uneven: Messages of a topic of fixed length differ in length.
+        rows: Those of a topic of fixed length.
+        payloads: Those of any length, one by one.
     """
 
     schema: int
-    rows: list[NDArray[np.uint8]] = field(default_factory=list)
+    rows: _Rows = field(default_factory=_Rows)
     payloads: list[bytes] = field(default_factory=list)
-    uneven: bool = False
 
 
 @dataclass
@@ -140,11 +182,7 @@ class _Content:
         if name == _EVENTS:
             topic.payloads += [found.payload(k) for k in which.tolist()]
             return
-        rows = found.rows(which, len(CDR_HEADER))
-        if rows is None or (topic.rows and rows.shape[1] != topic.rows[0].shape[1]):
-            topic.uneven = True
-        else:
-            topic.rows.append(rows)
+        topic.rows.take(found, which)
 
     def run(self, where: str) -> Run:
         cycle = self._signals(where, "/cycle")
@@ -184,7 +222,7 @@ class _Content:
         layout = _layout(name, fields, self._joint_names(fields))
         if layout is None:
             raise LogError(f"{where} {name}", "fields of another program", "as written by dftc")
-        block = _block(f"{where} {name}", topic, 8 * len(fields))
+        block = topic.rows.block(f"{where} {name}", 8 * len(fields))
         return layout.joints, split(layout, block.view("<f8").astype(np.float64, copy=False))
 
     def _frames(self, where: str) -> CanFrames | None:
@@ -197,7 +235,8 @@ class _Content:
         for layout in (CanLayout(buses, size) for size in (8, 64)):
             if layout.definition.splitlines() == lines:
                 dtype = record_dtype(layout.data_bytes)
-                return CanFrames(buses, _block(where, topic, dtype.itemsize).view(dtype)[:, 0])
+                block = topic.rows.block(where, dtype.itemsize)
+                return CanFrames(buses, block.view(dtype)[:, 0])
         raise LogError(where, "fields of another program", "as written by dftc")
 
     def _joint_names(self, fields: list[str]) -> tuple[str, ...]:
@@ -217,11 +256,3 @@ def _layout(topic: str, fields: list[str], joints: tuple[str, ...]) -> Layout | 
     rows = tuple(name.removesuffix(tail) for name in fields[header :: len(joints)])
     layout = Layout(topic, "", tuple(fields[:header]), rows, joints)
     return layout if list(layout.fields) == fields else None
-
-
-def _block(where: str, topic: _Topic, step: int) -> NDArray[np.uint8]:
-    """Payloads side by side, shape ``(K, step)``."""
-    if topic.uneven or any(rows.shape[1] != step for rows in topic.rows):
-        expected = f"{len(CDR_HEADER) + step} bytes"
-        raise LogError(where, "a message of another length", expected)
-    return np.concatenate(topic.rows) if topic.rows else np.empty((0, step), np.uint8)
