@@ -146,6 +146,7 @@ def test_what_cannot_be_played_is_one_line(
         recorder.write_cycles(np.zeros((1, opened.cycle.size)))
     with opened.recorder(tmp_path / "lacks.mcap", 0, with_frames=True) as recorder:
         recorder.write_cycles(np.zeros((1, opened.cycle.size)))
+        recorder.write_frames(np.zeros((1, opened.can.size)))
         recorder.write_event(0.5, 2, "recorder", "7 records of ring 'can' dropped: it was full")
     for name, told in (
         ("torn.mcap", "torn, its writer was cut off (expected a whole log; dftc recover"),
