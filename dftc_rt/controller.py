@@ -37,9 +37,11 @@ from dftc_rt.dynamics.tabulated import TabulatedTerms, refuse_closed_form
 from dftc_rt.effectiveness import schedule
 from dftc_rt.errors import InputError
 from dftc_rt.reference import Reference, stop_ramp
+from dftc_rt.ring import Ring
 from dftc_rt.rt.clock import Clock, FakeClock
 from dftc_rt.rt.drive_link import DriveLink
 from dftc_rt.rt.executor import WARNING, EventFunction, Executor, RecordSink
+from dftc_rt.rt.frame_tap import FrameTap
 from dftc_rt.rt.supervisor import Supervisor
 
 F64 = NDArray[np.float64]
@@ -231,6 +233,7 @@ def connect(
     sink: RecordSink,
     event: EventFunction,
     stop_requested: Callable[[], bool],
+    frames: Ring | None = None,
 ) -> Executor:
     """Configure the drives, take the measured pose, and return an executor ready to run.
 
@@ -242,6 +245,7 @@ def connect(
         sink: Takes the records.
         event: Takes events.
         stop_requested: Polled once a cycle.
+        frames: Takes every frame that passes the sockets, of set-up too; None: nobody listens.
 
     Raises:
         DriveError: A drive is missing, or is not what the robot file says.
@@ -253,12 +257,19 @@ def connect(
     chosen = profile(scenario.bus.profile)
     drives = robot_drives(robot, scenario.bus)
     rate = scenario.executor.rate_hz
+    tap = None
+    if frames is not None:
+        tap = FrameTap(frames, clock, 1.0 / rate, frame_size(scenario.bus))
+        sockets = tap.tapped(sockets)
     setup = chosen.setup(sockets, drives, rate)
     try:
         found = setup.configure()
-        return _assemble(
+        executor = _assemble(
             scenario, parts, sockets, clock, sink, event, stop_requested, setup, found, budget_s
         )
+        if tap is not None:
+            tap.follow(executor)
+        return executor
     except BaseException:
         setup.shutdown()
         raise

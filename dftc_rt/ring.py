@@ -11,7 +11,7 @@ weaker memory model a reader could see a counter before the slot that it announc
 
 Layout of the segment, in native uint64 (a cache line per owner):
 
-    0 magic | slot bytes | slots          8 written | dropped | closed          16 read
+    0 magic | slot bytes | slots     8 written | dropped | closed | started | origin     16 read
     4096 ... the slots
 """
 
@@ -30,7 +30,7 @@ from dftc_rt.errors import EnvironmentLacksError, InputError
 
 _MAGIC: Final = 0x3130474E49525444  # "DTRING01"
 _SLOT_BYTES, _SLOTS = 1, 2
-_WRITTEN, _DROPPED, _CLOSED = 8, 9, 10
+_WRITTEN, _DROPPED, _CLOSED, _STARTED, _ORIGIN = 8, 9, 10, 11, 12
 _READ: Final = 16
 _HEADER_BYTES: Final = 4096
 _EVENT_BYTES: Final = 512
@@ -173,6 +173,42 @@ class Ring(_Segment):
             return False
         self._head[_WRITTEN] += 1
         return True
+
+    def put(self, block: NDArray[np.float64], count: int) -> int:
+        """Writer: add several records at once. Real-time safe.
+
+        Args:
+            block: Records, shape ``(>= count, width)``.
+            count: How many of them.
+
+        Returns:
+            How many found room; the rest is dropped and counted.
+        """
+        head, slots = self._head, self.slots
+        written = head[_WRITTEN]
+        kept = min(count, slots - (written - head[_READ]))
+        first = written % slots
+        straight = min(kept, slots - first)
+        self._records[first : first + straight] = block[:straight]
+        if straight < kept:
+            self._records[: kept - straight] = block[straight:kept]
+        head[_WRITTEN] = written + kept
+        head[_DROPPED] += count - kept
+        return kept
+
+    def start(self, origin: int) -> None:
+        """Writer: say when run time began, for records that carry the clock's. Real-time safe.
+
+        Args:
+            origin: The clock at run time 0, ns.
+        """
+        self._head[_ORIGIN] = origin
+        self._head[_STARTED] = 1
+
+    @property
+    def origin(self) -> int | None:
+        """The clock at run time 0, ns; None until the writer has said so."""
+        return self._head[_ORIGIN] if self._head[_STARTED] else None
 
     def drain(self, limit: int | None = None) -> NDArray[np.float64]:
         """Reader: the oldest records that lie together, without a copy.

@@ -12,10 +12,11 @@ from hil.rig import Rig
 _LOOK_S = 0.1  # how often a lock-step rig looks whether it should end
 
 
-class _Watch:
+class Watch:
     """Waits for any port; knows which ones have something."""
 
     def __init__(self, ports: Sequence[BusPort]) -> None:
+        """Watch ``ports``, and the clients that come and go on them."""
         self._ports = ports
         self._renew()
 
@@ -49,7 +50,7 @@ def run_lockstep(rig: Rig, ports: Sequence[BusPort], ended: Callable[[], bool]) 
     Raises:
         BusError: A bus has gone away.
     """
-    watch = _Watch(ports)
+    watch = Watch(ports)
     while not ended():
         rig.service_lockstep(watch.wait(_LOOK_S))
     rig.service_lockstep(range(len(ports)))
@@ -61,7 +62,7 @@ def run_wall(rig: Rig, ports: Sequence[BusPort], ended: Callable[[], bool]) -> N
     Raises:
         BusError: A bus has gone away.
     """
-    watch = _Watch(ports)
+    watch = Watch(ports)
     while not ended():
         ready = watch.wait(rig.patience_s)
         now = time.monotonic_ns()

@@ -58,7 +58,7 @@ def to_frame(message: can.Message, frames: Frames, row: int) -> None:
     frames[row, 8 : 8 + len(message.data)] = message.data
 
 
-def to_message(frames: Frames, row: int, channel: str, timestamp: float) -> can.Message:
+def to_message(frames: Frames, row: int, channel: str | int, timestamp: float) -> can.Message:
     """Return a row of a batch as a python-can message.
 
     Args:

@@ -46,6 +46,7 @@ def control(
     lockstep: bool = False,
     log: str | Path | None = None,
     set_: Sequence[str] = (),
+    frames: bool = False,
     report: Annotated[bool, Parameter(negative="--no-report")] = True,
     json: bool = False,
 ) -> int:
@@ -65,6 +66,7 @@ def control(
         lockstep: Pace by barriers; the rig must run in lock-step too.
         log: MCAP file to write; default: logs/SCENARIO-TIME.mcap.
         set_: Override a key, ``a.b=value``; may be repeated.
+        frames: Log every frame that is sent and received, to /can.
         report: Write an HTML report beside the log.
         json: Print one JSON object on stdout.
 
@@ -84,7 +86,7 @@ def control(
         socket.close()
     with log_file(opened, log, report=report) as path:
         warm_up(opened)
-        rings, flags = Rings.create(opened), Flags()
+        rings, flags = Rings.create(opened, frames=frames), Flags()
         epoch_ns = 0 if lockstep else time.time_ns()
         print(f"bus: {bus}", file=sys.stderr, flush=True)
 

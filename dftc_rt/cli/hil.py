@@ -47,6 +47,7 @@ def hil(
     log: str | Path | None = None,
     set_: Sequence[str] = (),
     bus_dir: str | Path | None = None,
+    frames: bool = False,
     report: Annotated[bool, Parameter(negative="--no-report")] = True,
     json: bool = False,
 ) -> int:
@@ -65,6 +66,7 @@ def hil(
         log: MCAP file to write; default: logs/SCENARIO-TIME.mcap.
         set_: Override a key, ``a.b=value``; may be repeated.
         bus_dir: Directory of the user-space buses; default: a private one.
+        frames: Log every frame that the controller sends and receives, to /can.
         report: Write an HTML report beside the log.
         json: Print one JSON object on stdout.
 
@@ -82,7 +84,7 @@ def hil(
         warm_up(opened)
         with tempfile.TemporaryDirectory(prefix="dftc-") as private:
             directory = Path(bus_dir) if bus_dir is not None else Path(private)
-            ended = _over(opened, choice, directory, Path(private), path, lockstep, json)
+            ended = _over(opened, choice, directory, Path(private), path, lockstep, frames, json)
         return finish(opened, ended, report=report, json=json)
 
 
@@ -93,10 +95,11 @@ def _over(
     private: Path,
     path: Path,
     lockstep: bool,
+    frames: bool,
     json: bool,
 ) -> Ended:
     """Open the buses, run, and close them."""
-    buses = RigBuses(opened, choice)
+    buses = RigBuses(bus_names(opened.robot.joint_config), opened.scenario.bus, choice)
     buses.open(directory)
 
     def abandon() -> None:
@@ -109,7 +112,7 @@ def _over(
         where = f" (sockets in {directory})" if choice.kind == "unix" else ""
         print(f"bus: {choice.reason}{where}", file=sys.stderr, flush=True)
         with Status(opened, quiet=json or lockstep) as status:
-            return _launch(opened, choice, buses, path, lockstep, status, abandon)
+            return _launch(opened, choice, buses, path, lockstep, frames, status, abandon)
     finally:
         buses.release()
 
@@ -120,10 +123,11 @@ def _launch(
     buses: RigBuses,
     path: Path,
     lockstep: bool,
+    frames: bool,
     status: Status,
     abandon: Callable[[], None],
 ) -> Ended:
-    rings, flags = Rings.create(opened), Flags()
+    rings, flags = Rings.create(opened, frames=frames), Flags()
     epoch_ns = 0 if lockstep else time.time_ns()
     names = bus_names(opened.robot.joint_config)
 

@@ -30,6 +30,8 @@ def recover(log: str | Path, *, output: Annotated[str | Path, Parameter(alias="-
     """
     saved = torn.recover(log, output)
     state = "it was whole" if saved.whole else "up to the tear"
+    if saved.damaged:
+        state = f"damaged and left out: {', '.join(saved.damaged)}"
     sys.stdout.write(
         f"{output}: {saved.messages} messages, {saved.attachments} attachments, "
         f"{saved.metadata} metadata records ({state})\n"

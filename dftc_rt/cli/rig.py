@@ -64,7 +64,7 @@ def rig(
     if choice.kind == "inprocess":
         raise InputError("--bus", "'inprocess'", "vcan or unix: a rig alone is another process")
     warm_up(opened)
-    buses = RigBuses(opened, choice)
+    buses = RigBuses(names, opened.scenario.bus, choice)
     directory = resolve_directory(bus_dir)
     buses.open(directory)
     name_process("dftc-rig")

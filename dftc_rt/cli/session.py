@@ -17,16 +17,18 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from dftc_rt.analysis import metrics, summary
+from dftc_rt.bus.frame_record import record_data_bytes
 from dftc_rt.config.load import load_scenario
 from dftc_rt.config.scenario import Scenario
 from dftc_rt.control import signals
 from dftc_rt.controller import Parts, prepare
+from dftc_rt.drives.wiring import bus_names, frame_size
 from dftc_rt.dynamics.frames import LinkFrames
 from dftc_rt.dynamics.robot import Robot, load_robot
 from dftc_rt.log.ending import ending_text
 from dftc_rt.log.recorder import Recorder
 from dftc_rt.log.run import Run
-from dftc_rt.log.schema import Layout, cycle_layout, rig_layout
+from dftc_rt.log.schema import CanLayout, Layout, cycle_layout, rig_layout
 from dftc_rt.rt.executor import Outcome
 from hil import SCENARIOS
 from hil.rig import check_rig
@@ -54,7 +56,15 @@ class Session:
     cycle: Layout
     rig: Layout
 
-    def recorder(self, path: str | Path, epoch_ns: int, with_rig: bool = True) -> Recorder:
+    @property
+    def can(self) -> CanLayout:
+        """Layout of ``/can``."""
+        buses = tuple(bus_names(self.robot.joint_config))
+        return CanLayout(buses, record_data_bytes(frame_size(self.scenario.bus)))
+
+    def recorder(
+        self, path: str | Path, epoch_ns: int, *, with_rig: bool = True, with_frames: bool = False
+    ) -> Recorder:
         """Open the log.
 
         Raises:
@@ -72,6 +82,7 @@ class Session:
             path,
             self.cycle,
             self.rig if with_rig else None,
+            self.can if with_frames else None,
             scenario=self.text,
             urdf=self.robot.urdf_xml,
             versions=versions(),

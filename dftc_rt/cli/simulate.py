@@ -22,17 +22,20 @@ from dftc_rt.cli.output import log_file
 from dftc_rt.cli.processes.child import STOP_SIGNALS
 from dftc_rt.cli.session import Session
 from dftc_rt.controller import connect
+from dftc_rt.errors import InputError
 from dftc_rt.log.ending import SOURCE
+from dftc_rt.log.process import drain_frames
 from dftc_rt.log.recorder import Recorder
 from dftc_rt.log.run import Run
 from dftc_rt.memory import MemorySink
-from dftc_rt.ring import Event
+from dftc_rt.ring import Event, Ring
 from dftc_rt.rt.clock import LockstepClock
 from dftc_rt.rt.executor import INFO, Outcome
 from hil.simulate import in_process_rig
 
 _DRAIN_EVERY = 512
 _PROGRESS_EVERY = 256
+_FRAMES = 16384  # kept between drains; half of them hold any cycle, and any set-up
 
 
 class _DrainingSink(MemorySink):
@@ -62,6 +65,7 @@ def simulate(
     *,
     log: str | Path | None = None,
     set_: Sequence[str] = (),
+    frames: bool = False,
     json: bool = False,
 ) -> int:
     """Run controller and rig in one process, in lock-step, as fast as it goes.
@@ -77,6 +81,7 @@ def simulate(
         scenario: Scenario file, or the name of a shipped one.
         log: Write the run to this MCAP file.
         set_: Override a key, ``a.b=value``; may be repeated.
+        frames: Log every frame that the controller sends and receives, to /can.
         json: Print one JSON object on stdout.
 
     Returns:
@@ -85,12 +90,16 @@ def simulate(
     Raises:
         InputError: The scenario is wrong, or the log cannot be written.
     """
+    if frames and log is None:
+        raise InputError("--frames", "no log to put them in", "--log F.mcap besides")
     opened = session.open_session(scenario, set_)
     with log_file(opened, log) if log is not None else nullcontext():
         warm_up(opened)
-        recorder = opened.recorder(log, epoch_ns=0) if log is not None else None
+        recorder = None
+        if log is not None:
+            recorder = opened.recorder(log, epoch_ns=0, with_frames=frames)
         with recorder or nullcontext():
-            run, outcome = run_simulation(opened, recorder)
+            run, outcome = run_simulation(opened, recorder, frames=frames)
     found = session.summarise(run, outcome, log=None if log is None else str(log))
     session.show(found, json)
     if outcome.reason:
@@ -104,6 +113,7 @@ def run_simulation(
     *,
     progress: bool = True,
     abort: bool = False,
+    frames: bool = False,
 ) -> tuple[Run, Outcome]:
     """Run a session to its end; SIGINT and SIGTERM stop it safely.
 
@@ -112,6 +122,7 @@ def run_simulation(
         recorder: Also write the run here.
         progress: Show a progress bar on a terminal.
         abort: End by KeyboardInterrupt when asked to stop, instead of coming to rest.
+        frames: Write every frame too; needs a recorder that has a layout of frames.
 
     Raises:
         DriveError: A drive refuses its set-up.
@@ -131,18 +142,26 @@ def run_simulation(
     motion = np.empty((3, opened.robot.n))
     opened.parts.reference.target(0.0, motion)
     joined = in_process_rig(opened.scenario, opened.robot, motion, truth, event)
+    tapped = Ring.create("dftc-can", _FRAMES, opened.can.size) if frames else None
+
+    def log_frames(least: int) -> None:
+        if recorder is not None and tapped is not None and tapped.pending >= least:
+            drain_frames(tapped, recorder, ending=True)
+
     with _StopOnSignal(abort) as stop, _Bar(opened, cycles, progress) as tick:
 
         def stop_requested() -> bool:
             tick()
+            log_frames(_FRAMES // 2)
             return stop.requested
 
         executor = connect(
             opened.scenario, opened.parts, joined.sockets, LockstepClock(), cycles, event,
-            stop_requested,
+            stop_requested, tapped,
         )  # fmt: skip
         outcome = executor.run()
     event(executor.t, INFO, SOURCE, session.ending(outcome))
+    log_frames(0)
     for each in (cycles, truth):
         if isinstance(each, _DrainingSink):
             each.flush()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Final
@@ -13,28 +12,32 @@ import numpy as np
 from mcap.records import Attachment, Channel, Chunk, Metadata, Schema
 from numpy.typing import NDArray
 
+from dftc_rt.bus.frame_record import record_dtype
 from dftc_rt.errors import LogError
 from dftc_rt.log.cdr import decode_event
-from dftc_rt.log.chunks import DAMAGE, MAGIC, open_chunk, records
-from dftc_rt.log.run import Run, Signals, split
-from dftc_rt.log.schema import CDR_HEADER, Layout, field_name
+from dftc_rt.log.chunks import DAMAGE, MAGIC, Cut, cut, records
+from dftc_rt.log.run import CanFrames, Run, Signals, split
+from dftc_rt.log.schema import CDR_HEADER, CanLayout, Layout, field_name
 from dftc_rt.ring import Event
 
-_TOPICS: Final = ("/cycle", "/rig", "/events")
+_FIXED: Final = ("/cycle", "/rig")
+_EVENTS: Final = "/events"
+_ROWS: Final = 16384  # to begin with
 
 
-def read(path: str | Path, *, torn: bool = False) -> Run:
+def read(path: str | Path, *, torn: bool = False, frames: bool = False) -> Run:
     """The run that a log holds.
 
     Args:
         path: The log.
         torn: Take what comes before a tear or damage, instead of refusing the log.
+        frames: Read ``/can`` too, if the log has it.
 
     Raises:
         LogError: Missing, foreign, torn (says how to repair it), damaged, or no ``/cycle``.
     """
     where = str(path)
-    content = _Content()
+    content = _Content((*_FIXED, CanLayout.topic) if frames else _FIXED)
     try:
         with open(path, "rb") as stream:
             _check_start(where, stream)
@@ -81,35 +84,105 @@ def _has_end(stream: IO[bytes]) -> bool:
     return stream.read() == MAGIC
 
 
+class _Rows:
+    """Payloads of one length side by side, behind their CDR header.
+
+    One block that doubles: many small ones cost more in fresh memory than the reading itself.
+
+    Attributes:
+        count: How many there are.
+        uneven: There was one of another length; only those before it are here.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.uneven = False
+        self._block = np.empty((0, 0), np.uint8)
+
+    def take(self, found: Cut, which: NDArray[np.int64]) -> None:
+        size = found.size[which]
+        step = int(size[0]) - len(CDR_HEADER)
+        if not self.count and step > 0:
+            self._block = np.empty((_ROWS, step), np.uint8)
+        if step != self._block.shape[1] or (size != size[0]).any():
+            self.uneven = True
+            return
+        end = self.count + len(which)
+        if end > len(self._block):
+            grown = np.empty((max(end, 2 * len(self._block)), step), np.uint8)
+            grown[: self.count] = self._block[: self.count]
+            self._block = grown
+        found.gather(which, len(CDR_HEADER), self._block[self.count : end])
+        self.count = end
+
+    def block(self, where: str, step: int) -> NDArray[np.uint8]:
+        """All of them, shape ``(count, step)``.
+
+        Raises:
+            LogError: One has another length.
+        """
+        if self.uneven or (self.count and self._block.shape[1] != step):
+            expected = f"{len(CDR_HEADER) + step} bytes"
+            raise LogError(where, "a message of another length", expected)
+        return self._block[: self.count] if self.count else np.empty((0, step), np.uint8)
+
+
+@dataclass
+class _Topic:
+    """The messages of one topic.
+
+    Attributes:
+        schema: Number of its schema.
+        rows: Those of a topic of fixed length.
+        payloads: Those of any length, one by one.
+    """
+
+    schema: int
+    rows: _Rows = field(default_factory=_Rows)
+    payloads: list[bytes] = field(default_factory=list)
+
+
 @dataclass
 class _Content:
-    """What has been read so far."""
+    """What has been read so far.
 
+    Attributes:
+        fixed: Topics whose messages have one length.
+    """
+
+    fixed: tuple[str, ...]
     schemas: dict[int, Schema] = field(default_factory=dict)
-    topics: dict[str, Channel] = field(default_factory=dict)
-    wanted: dict[int, list[bytes]] = field(default_factory=dict)
+    topics: dict[str, _Topic] = field(default_factory=dict)
+    numbers: dict[int, str] = field(default_factory=dict)  # channel: topic
     attachments: dict[str, bytes] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
 
     def add(self, record: object) -> None:
         if isinstance(record, Chunk):
-            schemas, channels, messages = open_chunk(record)
-            for inner in (*schemas, *channels):
+            found = cut(record)
+            for inner in (*found.schemas, *found.channels):
                 self.add(inner)
-            wanted = self.wanted
-            for channel, _, _, _, payload in messages:
-                if channel in wanted:
-                    wanted[channel].append(payload)
+            for number, name in self.numbers.items():
+                which = np.flatnonzero(found.channel == number)
+                if len(which):
+                    self._take(name, found, which)
         elif isinstance(record, Schema):
             self.schemas[record.id] = record
         elif isinstance(record, Channel):
-            if record.topic in _TOPICS and record.id not in self.wanted:
-                self.topics[record.topic] = record
-                self.wanted[record.id] = []
+            if record.topic in (*self.fixed, _EVENTS) and record.id not in self.numbers:
+                self.numbers[record.id] = record.topic
+                self.topics[record.topic] = _Topic(record.schema_id)
         elif isinstance(record, Attachment):
             self.attachments[record.name] = record.data
         elif isinstance(record, Metadata):
             self.metadata[record.name] = record.metadata
+
+    def _take(self, name: str, found: Cut, which: NDArray[np.int64]) -> None:
+        topic = self.topics[name]
+        if name == _EVENTS:
+            topic.payloads += [found.payload(k) for k in which.tolist()]
+            return
+        topic.rows.take(found, which)
 
     def run(self, where: str) -> Run:
         cycle = self._signals(where, "/cycle")
@@ -117,8 +190,9 @@ class _Content:
             raise LogError(where, "no topic /cycle", "a log written by dftc")
         joints, signals = cycle
         rig = self._signals(where, "/rig")
-        events = [Event(*decode_event(raw)) for raw in self._payloads("/events")]
-        limits = self.metadata.get("dftc_rt", {}).get("torque_limit_nm")
+        told = self.topics.get(_EVENTS)
+        events = [Event(*decode_event(raw)) for raw in told.payloads] if told else []
+        limits = self._facts.get("torque_limit_nm")
         return Run(
             joints,
             signals,
@@ -128,27 +202,46 @@ class _Content:
             self.attachments.get("robot.urdf", b"").decode(),
             tuple(json.loads(limits)) if limits else None,
             self.metadata,
+            self._frames(where),
         )
 
-    def _payloads(self, topic: str) -> list[bytes]:
-        channel = self.topics.get(topic)
-        return self.wanted[channel.id] if channel else []
+    @property
+    def _facts(self) -> dict[str, str]:
+        return self.metadata.get("dftc_rt", {})
 
-    def _signals(self, where: str, topic: str) -> tuple[tuple[str, ...], Signals] | None:
-        channel = self.topics.get(topic)
-        if channel is None:
+    def _definition(self, topic: _Topic) -> list[str]:
+        schema = self.schemas.get(topic.schema)
+        return schema.data.decode().splitlines() if schema else []
+
+    def _signals(self, where: str, name: str) -> tuple[tuple[str, ...], Signals] | None:
+        topic = self.topics.get(name)
+        if topic is None:
             return None
-        schema = self.schemas.get(channel.schema_id)
-        lines = schema.data.decode().splitlines() if schema else []
+        lines = self._definition(topic)
         fields = [line.split()[1] for line in lines if line.startswith("float64 ")]
-        layout = _layout(topic, fields, self._joint_names(fields))
+        layout = _layout(name, fields, self._joint_names(fields))
         if layout is None:
-            raise LogError(f"{where} {topic}", "fields of another program", "as written by dftc")
-        return layout.joints, split(layout, _matrix(where, topic, self._payloads(topic), fields))
+            raise LogError(f"{where} {name}", "fields of another program", "as written by dftc")
+        block = topic.rows.block(f"{where} {name}", 8 * len(fields))
+        return layout.joints, split(layout, block.view("<f8").astype(np.float64, copy=False))
+
+    def _frames(self, where: str) -> CanFrames | None:
+        topic = self.topics.get(CanLayout.topic)
+        if topic is None:
+            return None
+        where = f"{where} {CanLayout.topic}"
+        buses = tuple(json.loads(self._facts.get("buses", "[]")))
+        lines = self._definition(topic)
+        for layout in (CanLayout(buses, size) for size in (8, 64)):
+            if layout.definition.splitlines() == lines:
+                dtype = record_dtype(layout.data_bytes)
+                block = topic.rows.block(where, dtype.itemsize)
+                return CanFrames(buses, block.view(dtype)[:, 0])
+        raise LogError(where, "fields of another program", "as written by dftc")
 
     def _joint_names(self, fields: list[str]) -> tuple[str, ...]:
         """As the robot has them; from the fields when another tool dropped the metadata."""
-        text = self.metadata.get("dftc_rt", {}).get("joints")
+        text = self._facts.get("joints")
         if text is not None:
             return tuple(json.loads(text))
         return tuple(name[2:] for name in fields if name.startswith("q_"))
@@ -163,15 +256,3 @@ def _layout(topic: str, fields: list[str], joints: tuple[str, ...]) -> Layout | 
     rows = tuple(name.removesuffix(tail) for name in fields[header :: len(joints)])
     layout = Layout(topic, "", tuple(fields[:header]), rows, joints)
     return layout if list(layout.fields) == fields else None
-
-
-def _matrix(
-    where: str, topic: str, payloads: Iterable[bytes], fields: list[str]
-) -> NDArray[np.float64]:
-    """Payloads side by side, shape ``(K, size)``."""
-    raw = np.frombuffer(b"".join(payloads), np.uint8)
-    step = len(CDR_HEADER) + 8 * len(fields)
-    if len(raw) % step:
-        raise LogError(f"{where} {topic}", "a message of another length", f"{step} bytes")
-    body = np.ascontiguousarray(raw.reshape(-1, step)[:, len(CDR_HEADER) :])
-    return body.view("<f8").astype(np.float64, copy=False)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from dftc_rt.errors import LogError
 from dftc_rt.log import cdr
 from dftc_rt.log.file import LogFile
-from dftc_rt.log.schema import CDR_HEADER, Layout
+from dftc_rt.log.schema import CDR_HEADER, CanLayout, Layout
 
 if TYPE_CHECKING:
     from typing import BinaryIO
@@ -49,6 +49,7 @@ class Recorder:
         path: str | Path,
         cycle: Layout,
         rig: Layout | None = None,
+        can: CanLayout | None = None,
         *,
         scenario: str = "",
         urdf: str = "",
@@ -64,6 +65,7 @@ class Recorder:
             path: File to write.
             cycle: Layout of ``/cycle``, whose rows include q, v and tau_cmd.
             rig: Layout of ``/rig``; None when there is no rig (real drives).
+            can: Layout of ``/can``; None when frames are not logged.
             scenario: Resolved scenario, TOML: attachment ``scenario.toml``.
             urdf: Attachment ``robot.urdf`` and topic ``/robot_description``.
             versions: Metadata ``versions``: package → version.
@@ -100,6 +102,8 @@ class Recorder:
             ),
         )
         facts = {"joints": json.dumps(cycle.joints), "epoch_ns": str(epoch_ns)}
+        if can is not None:
+            facts["buses"] = json.dumps(can.buses)
         if torque_limit is not None:
             facts["torque_limit_nm"] = json.dumps([float(limit) for limit in torque_limit])
         self._mcap.write_metadata("dftc_rt", facts)
@@ -109,6 +113,7 @@ class Recorder:
         self._attach("robot.urdf", "application/xml", urdf)
         self._cycles = self._channel(cycle.topic, cycle.schema, cycle.definition)
         self._rigs = self._channel(rig.topic, rig.schema, rig.definition) if rig else None
+        self._can = self._channel(can.topic, can.schema, can.definition) if can else None
         self._events = self._channel("/events", "dftc_rt/msg/Event", cdr.EVENT_DEFINITION)
         self._states = self._channel(
             "/joint_states", "sensor_msgs/msg/JointState", cdr.JOINT_STATE_DEFINITION
@@ -152,6 +157,25 @@ class Recorder:
         if self._rigs is None:
             raise LogError(str(self.path), "a rig record", "a recorder with a rig layout")
         self._write(self._rigs, block)
+        self._file.check()
+
+    def write_frames(self, block: NDArray[np.float64], origin: float = 0.0) -> None:
+        """Log records of ``/can``.
+
+        Args:
+            block: Records, shape ``(k, size)``, their time on the clock that began at
+                ``origin``.
+            origin: The clock at run time 0, s.
+
+        Raises:
+            LogError: The file cannot be written, or the recorder has no layout of frames.
+            EnvironmentLacksError: The disk is full.
+        """
+        if self._can is None:
+            raise LogError(str(self.path), "a frame", "a recorder with a layout of frames")
+        block = block.copy()
+        block[:, 0] -= origin
+        self._write(self._can, block)
         self._file.check()
 
     def write_event(self, t: float, severity: int, source: str, text: str) -> None:
@@ -235,7 +259,8 @@ class Recorder:
         """Log each row; returns the log times, ns."""
         if not len(block):
             return []
-        times: list[int] = (np.rint(block[:, 0] * 1e9).astype(np.int64) + self._epoch_ns).tolist()
+        since = np.rint(block[:, 0] * 1e9).astype(np.int64)
+        times: list[int] = np.maximum(since + self._epoch_ns, 0).tolist()
         log = channel.base.log
         step = 4 + 8 * block.shape[1]
         for start in range(0, len(block), _ROWS_AT_ONCE):

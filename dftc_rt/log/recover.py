@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
@@ -11,7 +11,7 @@ from mcap.records import Attachment, Channel, Chunk, Header, Message, Metadata, 
 from mcap.writer import CompressionType, Writer
 
 from dftc_rt.errors import LogError
-from dftc_rt.log.chunks import DAMAGE, MAGIC, open_chunk, records
+from dftc_rt.log.chunks import DAMAGE, MAGIC, cut, records
 
 
 @dataclass
@@ -22,12 +22,14 @@ class Recovered:
         messages: How many.
         attachments: How many.
         metadata: How many records.
-        whole: Whether the source had no tear at all.
+        damaged: Names of attachments that do not have their checksum, and were left out.
+        whole: Whether the source had neither tear nor damage.
     """
 
     messages: int = 0
     attachments: int = 0
     metadata: int = 0
+    damaged: list[str] = field(default_factory=list)
     whole: bool = False
 
 
@@ -71,9 +73,9 @@ def _copy(source: IO[bytes], out: IO[bytes]) -> Recovered:
     writer = Writer(out, chunk_size=256 * 1024, compression=CompressionType.LZ4)
     copy = _Copy(writer)
     try:
-        for record in records(source):
+        for record in records(source, copy.done.damaged.append):
             copy.add(record)
-        copy.done.whole = True
+        copy.done.whole = not copy.done.damaged
     except DAMAGE:
         pass  # the tear: what came before it has been copied
     copy.start("")
@@ -100,11 +102,12 @@ class _Copy:
         if isinstance(record, Header):
             self.start(record.profile)
         elif isinstance(record, Chunk):
-            schemas, channels, messages = open_chunk(record)
-            for inner in (*schemas, *channels):
+            found = cut(record)
+            for inner in (*found.schemas, *found.channels):
                 self.add(inner)
-            for channel, sequence, log_time, publish_time, payload in messages:
-                self._message(channel, sequence, log_time, publish_time, payload)
+            for k in range(len(found.start)):
+                channel, sequence, log_time, publish_time = found.head(k)
+                self._message(channel, sequence, log_time, publish_time, found.payload(k))
         elif isinstance(record, Schema) and record.id not in self._schemas:
             self._schemas[record.id] = self._writer.register_schema(
                 record.name, record.encoding, record.data

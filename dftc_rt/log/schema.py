@@ -6,6 +6,7 @@ a record is logged as it lies in memory, and read back with ``frombuffer``.
 
     /cycle   t lateness compute exchange state | rows x joints   (controller)
     /rig     t                                 | rows x joints   (rig)
+    /can     t, then the frame: CanLayout                        (controller, with --frames)
 
 The per-joint part is a C-ordered matrix ``(rows, n)``: field-major, ``q_<joint 1> ...
 q_<joint n>, v_<joint 1> ...``.
@@ -22,8 +23,9 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import ClassVar, Final
 
+from dftc_rt.bus.frame_record import record_words
 from dftc_rt.errors import InputError
 
 CDR_HEADER: Final = b"\x00\x01\x00\x00"  # CDR, little-endian, no options
@@ -98,6 +100,40 @@ class Layout:
             for name, note in zip(self.fields, notes, strict=True)
         ]
         return "\n".join(lines) + "\n"
+
+
+@dataclass(frozen=True)
+class CanLayout:
+    """What a record of ``/can`` is: :mod:`dftc_rt.bus.frame_record`.
+
+    Attributes:
+        buses: Logical bus names, by the index that a record has.
+        data_bytes: Data bytes of a record: 8, or 64 where frames are CAN FD.
+    """
+
+    buses: tuple[str, ...]
+    data_bytes: int
+    topic: ClassVar[str] = "/can"
+    schema: ClassVar[str] = "dftc_rt/msg/CanFrame"
+
+    @property
+    def size(self) -> int:
+        """Float64 per record."""
+        return record_words(self.data_bytes)
+
+    @property
+    def definition(self) -> str:
+        """The ``.msg`` text."""
+        buses = ", ".join(f"{i} {name}" for i, name in enumerate(self.buses))
+        return (
+            "float64 t  # s, run time at which the controller had sent or received it\n"
+            "uint32 id  # with flags: 0x80000000 of 29 bits, 0x40000000 remote, 0x20000000 error\n"
+            f"uint8 bus  # {buses}\n"
+            "bool tx  # sent by the controller\n"
+            "uint8 flags  # 4 CAN FD, 1 bit rate switched, 2 sender error passive\n"
+            "uint8 length  # bytes of data that count\n"
+            f"uint8[{self.data_bytes}] data\n"
+        )
 
 
 def field_name(joint: str) -> str:

@@ -171,6 +171,7 @@ class Executor:
         self._phase_start = 0  # cycle at which the present state began
         self._drop_told = False
         self.t = 0.0  # scheduled time of the present cycle, s
+        self.first_tick = 0  # when the clock shows t = 0, ns; known when the loop begins
 
     # -- life of a run ------------------------------------------------------------------
 
@@ -198,7 +199,7 @@ class Executor:
     def _loop(self) -> None:
         clock, link, counters = self._clock, self._link, self.outcome.counters
         self._start()
-        first_tick = clock.now() + self._period_ns
+        first_tick = self.first_tick = clock.now() + self._period_ns
         k = 0
         while self._going():
             self.t = k * self._period

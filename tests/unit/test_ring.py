@@ -256,3 +256,30 @@ def test_events_that_find_the_ring_full_are_counted() -> None:
     assert [ring.write(t, 1, "a", "b") for t in range(3)] == [True, True, False]
     assert ring.dropped == 1
     assert [event.t for event in ring.drain()] == [0.0, 1.0]
+
+
+def test_several_records_at_once_go_round_the_end_and_drop_what_is_too_much() -> None:
+    ring = Ring.create("x", 5, 2)
+    block = np.arange(14.0).reshape(7, 2)
+    assert ring.put(block, 4) == 4
+    ring.advance(3)
+    assert ring.put(block, 3) == 3  # two at the end, one at the start
+    assert ring.drain().tolist() == [[6.0, 7.0], [0.0, 1.0]]
+    ring.advance(2)
+    assert ring.drain().tolist() == [[2.0, 3.0], [4.0, 5.0]]
+    assert ring.put(block, 7) == 3
+    assert ring.dropped == 4
+    assert ring.pending == 5
+    assert ring.put(block, 1) == 0
+    assert ring.put(block, 0) == 0
+    assert ring.dropped == 5
+
+
+def test_the_origin_of_run_time_is_known_once_the_writer_has_said_so() -> None:
+    ring = Ring.create("x", 4, 2)
+    reader = Ring.attach(ring.fd)
+    assert reader.origin is None
+    ring.start(0)
+    assert reader.origin == 0
+    ring.start(123_456_789_012_345)
+    assert reader.origin == 123_456_789_012_345

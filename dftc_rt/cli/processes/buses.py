@@ -17,7 +17,8 @@ from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.bus.select import BusChoice
 from dftc_rt.bus.socketcan import SocketCanSocket
 from dftc_rt.cli.session import Session
-from dftc_rt.drives.wiring import bus_names, fd_bitrate
+from dftc_rt.config.scenario import BusTable
+from dftc_rt.drives.wiring import fd_bitrate
 from hil.bus.port import BusPort
 from hil.bus.socketcan import SocketCanPort
 from hil.bus.unix import UnixPort, listen
@@ -29,11 +30,14 @@ class RigBuses:
     """The rig's end: made before the processes, so that the controller can join at once.
 
     Attributes:
+        names: Logical bus names.
+        table: The scenario's ``[bus]``.
         choice: How frames are carried.
         directory: Where the user-space buses live; None for vcan.
     """
 
-    opened: Session
+    names: Sequence[str]
+    table: BusTable
     choice: BusChoice
     directory: BusDirectory | None = None
     _made: bool = False  # the directory was not there before
@@ -49,7 +53,7 @@ class RigBuses:
         if self.choice.kind == "unix":
             self._made = not os.path.lexists(path)
             self.directory = BusDirectory(path)
-            for name in bus_names(self.opened.robot.joint_config):
+            for name in self.names:
                 self._listeners[name] = listen(path, name)
 
     def ports(self) -> list[BusPort]:
@@ -58,8 +62,7 @@ class RigBuses:
         Raises:
             BusError: An interface is gone.
         """
-        table = self.opened.scenario.bus
-        names = bus_names(self.opened.robot.joint_config)
+        table = self.table
         if self.choice.kind == "unix":
             return [
                 UnixPort(
@@ -69,7 +72,7 @@ class RigBuses:
                     bitrate=table.bitrate,
                     data_bitrate=fd_bitrate(table),
                 )
-                for n in names
+                for n in self.names
             ]
         return [
             SocketCanPort(
@@ -79,7 +82,7 @@ class RigBuses:
                 bitrate=table.bitrate,
                 data_bitrate=fd_bitrate(table),
             )
-            for n in names
+            for n in self.names
         ]
 
     def let_go(self) -> None:

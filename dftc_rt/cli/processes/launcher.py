@@ -123,8 +123,7 @@ class Launcher:
                 self._log_error(controller.report["error"])
             if self._flags.running:
                 time.sleep(self._crash_s)
-            self._rings.cycle.end()
-            self._rings.events[0].end()
+            self._rings.end_controller()
             self._flags.end = True
             if rig is not None:
                 self._ended.rig = self._finish(rig)

@@ -40,15 +40,24 @@ class Rings:
         cycle: The controller's records.
         rig: The rig's records.
         events: One ring a writer: controller, rig, launcher.
+        frames: Every frame that passes the controller's sockets; None when not logged.
     """
 
     cycle: Ring
     rig: Ring
     events: tuple[EventRing, EventRing, EventRing]
+    frames: Ring | None = None
 
     @classmethod
-    def create(cls, opened: Session) -> Rings:
-        """Make the rings; at 1 kHz they hold eight seconds."""
+    def create(cls, opened: Session, *, frames: bool = False) -> Rings:
+        """Make the rings; at 1 kHz they hold eight seconds.
+
+        Args:
+            opened: The session.
+            frames: Whether frames are logged.
+        """
+        # A command and two answers of a joint, SYNC and one answer more of a bus, each cycle.
+        a_cycle = 3 * opened.robot.n + 2 * len(opened.can.buses)
         return cls(
             Ring.create("dftc-cycle", 8192, opened.cycle.size),
             Ring.create("dftc-rig", 8192, opened.rig.size),
@@ -57,7 +66,15 @@ class Rings:
                 EventRing.create("dftc-events-rig"),
                 EventRing.create("dftc-events-launcher"),
             ),
+            Ring.create("dftc-can", 8192 * a_cycle, opened.can.size) if frames else None,
         )
+
+    def end_controller(self) -> None:
+        """Say that nothing more will come from the controller."""
+        self.cycle.end()
+        self.events[0].end()
+        if self.frames is not None:
+            self.frames.end()
 
 
 def controller(
@@ -92,7 +109,7 @@ def controller(
     try:
         executor = connect(
             opened.scenario, opened.parts, connect_buses(), clock, rings.cycle, events.write,
-            lambda: flags.stop,
+            lambda: flags.stop, rings.frames,
         )  # fmt: skip
         if not lockstep:
             real_time = RealTime(CONTROLLER_PRIORITY, last_core())
@@ -107,8 +124,7 @@ def controller(
         events.write(executor.t, INFO, SOURCE, ending(outcome))
     finally:
         flags.running = False
-        rings.cycle.end()
-        events.end()
+        rings.end_controller()
         if real_time is not None:
             real_time.release()
     return {"outcome": dataclasses.asdict(outcome), "refused": refused}
@@ -217,6 +233,8 @@ def recorder(
         return orphaned_at[0] > 0.0 and time.monotonic() - orphaned_at[0] > _ORPHAN_PATIENCE_S
 
     on_sigterm(orphaned)
-    with opened.recorder(path, epoch_ns, with_rig) as log:
-        done = record(rings.cycle, rings.rig if with_rig else None, rings.events, log, stop)
+    frames = rings.frames
+    with opened.recorder(path, epoch_ns, with_rig=with_rig, with_frames=frames is not None) as log:
+        truth = rings.rig if with_rig else None
+        done = record(rings.cycle, truth, rings.events, log, stop, frame_ring=frames)
     return dataclasses.asdict(done)
