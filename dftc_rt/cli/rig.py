@@ -11,9 +11,8 @@ from types import FrameType
 import msgspec
 
 from dftc_rt.bus.directory import resolve_directory
-from dftc_rt.bus.select import choose_bus
 from dftc_rt.cli import session
-from dftc_rt.cli.processes.buses import RigBuses, make_rig
+from dftc_rt.cli.processes.buses import RigBuses, choose, make_rig
 from dftc_rt.cli.processes.child import STOP_SIGNALS
 from dftc_rt.cli.processes.roles import RIG_PRIORITY
 from dftc_rt.cli.simulate import warm_up
@@ -60,7 +59,7 @@ def rig(
     """
     opened = session.open_session(scenario, set_)
     names = bus_names(opened.robot.joint_config)
-    choice = choose_bus(opened.scenario.bus.interface if bus is None else bus, names)
+    choice = choose(opened, bus, lockstep=lockstep)
     if choice.kind == "inprocess":
         raise InputError("--bus", "'inprocess'", "vcan or unix: a rig alone is another process")
     warm_up(opened)

@@ -29,6 +29,7 @@ from dftc_rt.memory import MemorySink
 from dftc_rt.ring import Event
 from dftc_rt.rt.clock import LockstepClock
 from dftc_rt.rt.executor import INFO, Outcome
+from hil.bus.virtual_bus import unpaced
 from hil.simulate import in_process_rig
 
 _DRAIN_EVERY = 512
@@ -86,6 +87,7 @@ def simulate(
         InputError: The scenario is wrong, or the log cannot be written.
     """
     opened = session.open_session(scenario, set_)
+    unpaced(opened.scenario.bus.timing)
     with log_file(opened, log) if log is not None else nullcontext():
         warm_up(opened)
         recorder = opened.recorder(log, epoch_ns=0) if log is not None else None
@@ -166,7 +168,10 @@ def warm_up(opened: Session) -> None:
     Raises:
         KeyboardInterrupt: The operator wanted to stop meanwhile.
     """
-    short = msgspec.structs.replace(opened.scenario, duration_s=0.02)
+    table = opened.scenario.bus
+    timing = "account" if table.timing == "pace" else table.timing  # no time passes here
+    bus = msgspec.structs.replace(table, timing=timing)
+    short = msgspec.structs.replace(opened.scenario, duration_s=0.02, bus=bus)
     brief = dataclasses.replace(opened, scenario=short)
     with _SayIfSlow("compiling the kernels; once per installation, this takes a minute or so"):
         _, outcome = run_simulation(brief, progress=False, abort=True)
