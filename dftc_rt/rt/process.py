@@ -108,6 +108,11 @@ def last_core() -> int:
     return max(os.sched_getaffinity(0))
 
 
+def first_core() -> int:
+    """Return the lowest core this process may run on; the last one where there is no other."""
+    return min(os.sched_getaffinity(0))
+
+
 def report_refused(who: str, refused: list[str]) -> None:
     """Print each refused step as one line on standard error."""
     for line in refused:

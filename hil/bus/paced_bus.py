@@ -20,14 +20,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dftc_rt.bus.fields import can_id
 from dftc_rt.bus.frame import Frames, frame_buffer
 from dftc_rt.errors import BusError
 from hil.bus.impairments import BABBLER, CONTROLLER, Impairments
 from hil.bus.paced_impairments import Fate, PacedImpairments
 from hil.bus.statistics import BusStatistics
 from hil.bus.virtual_bus import VirtualBus
-from hil.bus.wire import Wire
+from hil.bus.wire import BEGUN, NEVER, Wire
 
 MOST_WAITING: Final = 256
 """Frames of a client that wait for the wire before its socket is no longer read."""
@@ -65,18 +64,14 @@ class PacedBus(VirtualBus):
         super().__init__(name, timing="account", bitrate=bitrate, data_bitrate=data_bitrate)
         self.moment = clock()
         self._clock = clock
-        self._wire = Wire(bitrate, data_bitrate, self.frame_size)
+        self._wire = Wire(self._totals, self._latency, bitrate, data_bitrate, self.frame_size)
         self._one = frame_buffer(1, self.frame_size)  # the frame that has come through
-        self._sender = 0
         self._fate = Fate.THROUGH
         self._faults: PacedImpairments | None = None
         self._babbling: set[int] = set()  # faults of which a frame waits
         self._waiting: dict[int, int] = {}  # frames that wait, by client
         self._full: set[int] = set()  # clients that are not read
         self._apart = _APART
-        self._late_max = 0
-        self._late_sum = 0
-        self._through = 0
 
     @property
     def due(self) -> int:
@@ -120,7 +115,7 @@ class PacedBus(VirtualBus):
                 self._leave(client, error)
                 continue
             if len(queue):
-                self._put(queue, len(queue), CONTROLLER - client.number, now)
+                self._put(queue, 0, len(queue), CONTROLLER - client.number, now)
                 waiting = self._waiting[client.number] = self._waiting.get(client.number, 0) + len(
                     queue
                 )
@@ -135,11 +130,13 @@ class PacedBus(VirtualBus):
         Returns:
             1, and ``moment`` is the end of that frame; 0 when nothing more is through.
         """
-        wire = self._wire
-        while wire.due <= self._clock():
-            if not wire.busy:
-                self._begin()
-            elif self._end():
+        if self._faults is not None:
+            return self._receive_faulty(self._faults, frames)
+        while (sender := self._wire.next_through(self._one, self._clock())) != NEVER:
+            self.moment = self._wire.end
+            self._pass(sender)
+            if sender < 0:
+                self._read_again(sender)
                 frames[:1] = self._one
                 return 1
         return 0
@@ -147,94 +144,101 @@ class PacedBus(VirtualBus):
     def send(self, frames: Frames, count: int, nodes: NDArray[np.int32] | None = None) -> None:
         """Let the drives' first ``count`` frames wait for the wire, ready at ``moment``."""
         for row in range(count):
-            self._put(frames[row : row + 1], 1, row if nodes is None else int(nodes[row]),
-                      self.moment)  # fmt: skip
+            sender = row if nodes is None else int(nodes[row])
+            self._put(frames, row, 1, sender, self.moment)
 
     @property
     def statistics(self) -> BusStatistics:
         """What has gone over the bus since it was opened."""
+        mean, longest = self._wire.late_us
         return dataclasses.replace(
-            super().statistics,
-            late_mean_us=round(self._late_sum / max(self._through, 1) / 1e3, 1),
-            late_max_us=round(self._late_max / 1e3, 1),
+            super().statistics, late_mean_us=round(mean, 1), late_max_us=round(longest, 1)
         )
 
-    def _put(self, frames: Frames, count: int, sender: int, now: int) -> None:
-        for row in range(count):
-            late = 0 if self._faults is None else self._faults.late_ns(frames, row)
+    def _put(self, frames: Frames, first: int, count: int, sender: int, now: int) -> None:
+        if self._faults is None:
+            self._wire.put(frames, first, count, sender, now)
+            return
+        for row in range(first, first + count):
+            late = self._faults.late_ns(frames, row)
             if late:  # those sent meanwhile overtake it
                 self._apart += 1
-                self._wire.put(frames, row, sender, now + late, self._apart)
+                self._wire.put(frames, row, 1, sender, now + late, self._apart)
             else:
-                self._wire.put(frames, row, sender, now)
+                self._wire.put(frames, row, 1, sender, now)
 
-    def _begin(self) -> None:
-        """Put the winner on the wire, and decide what becomes of it."""
-        wire, faults = self._wire, self._faults
-        frames, row, sender, copy = wire.begin()
-        self._sender, self._fate = sender, Fate.THROUGH
-        if faults is None:
-            wire.occupy()
-        elif faults.off(max(sender, CONTROLLER)):
+    def _pass(self, sender: int) -> None:
+        """Deliver the frame that has come through to every client but its sender."""
+        for client in tuple(self._clients):
+            if sender != CONTROLLER - client.number:
+                self._deliver(client, self._one, 1)
+
+    def _read_again(self, sender: int) -> None:
+        """Read a client again of which little enough waits."""
+        if sender == BABBLER:
+            return
+        number = CONTROLLER - sender
+        self._waiting[number] -= 1
+        if number in self._full and self._waiting[number] <= _READ_AGAIN:
+            self._full.discard(number)
+            self.fds_version += 1
+
+    def _receive_faulty(self, faults: PacedImpairments, frames: Frames) -> int:
+        """What :meth:`receive` does while faults act on the bus."""
+        while happens := self._wire.begin(now := self._clock()):
+            if happens == BEGUN:
+                self._begin(faults)
+            elif self._end(faults, now):
+                frames[:1] = self._one
+                return 1
+        return 0
+
+    def _begin(self, faults: PacedImpairments) -> None:
+        """Decide what becomes of the frame that has begun."""
+        frames, row, sender, copy = self._wire.on_wire
+        if faults.off(max(sender, CONTROLLER)):
             faults.counts.lost += 1
-            self._done()
-        else:
-            before = faults.counts.waste
-            self._fate = faults.attempt(frames, row, sender, copy)
-            after = faults.counts.waste
-            wasted = after[0] - before[0], after[1] - before[1]
+            self._wire.cancel()
+            self._done(faults, sender)
+            return
+        before = faults.counts.waste
+        self._fate = faults.attempt(frames, row, sender, copy)
+        after = faults.counts.waste
+        if after != before:
             self._waste(before, after)
-            wire.occupy(wasted if any(wasted) else None)
+            self._wire.occupy((after[0] - before[0], after[1] - before[1]))
 
-    def _end(self) -> bool:
+    def _end(self, faults: PacedImpairments, now: int) -> bool:
         """Take the frame off the wire and deliver it; return whether it is for the drives."""
-        wire, faults, fate = self._wire, self._faults, self._fate
+        wire, fate, sender = self._wire, self._fate, self._wire.on_wire[2]
         if fate is Fate.AGAIN:
             wire.repeat(copy=False)
             return False
         if fate is Fate.LOST:
-            self._done()
+            self._done(faults, sender)
             return False
-        self._one[0] = wire.frame()
+        wire.through(self._one, now)
         self.moment = wire.end
-        self._add_up()
         if fate is Fate.TWICE:
             wire.repeat(copy=True)
         else:
-            self._done()
-        if faults is None or not faults.off(CONTROLLER):
-            for client in tuple(self._clients):
-                if self._sender != CONTROLLER - client.number:
-                    self._deliver(client, self._one, 1)
-        return self._sender < 0
+            self._done(faults, sender)
+        if not faults.off(CONTROLLER):
+            self._pass(sender)
+        return sender < 0
 
-    def _done(self) -> None:
-        """Take the frame on the wire out of its queue; another may follow."""
+    def _done(self, faults: PacedImpairments, sender: int) -> None:
+        """Take the frame on the wire out of its queue; a babbling node has another."""
         queue = self._wire.leave()
-        if self._sender == BABBLER and self._faults is not None:
+        if sender == BABBLER:
             self._babbling.discard(-_APART - queue)
-            self._babble(self._faults, -_APART - queue)
-        elif self._sender <= CONTROLLER:
-            number = CONTROLLER - self._sender
-            self._waiting[number] -= 1
-            if number in self._full and self._waiting[number] <= _READ_AGAIN:
-                self._full.discard(number)
-                self.fds_version += 1
+            self._babble(faults, -_APART - queue)
+        elif sender <= CONTROLLER:
+            self._read_again(sender)
 
     def _babble(self, faults: PacedImpairments, k: int) -> None:
         """Let the next frame of a node that babbles wait for the wire."""
         found = faults.next_babble(k, self._clock())
         if found is not None:
-            self._wire.put(found[0], 0, BABBLER, found[1], -_APART - k)
+            self._wire.put(found[0], 0, 1, BABBLER, found[1], -_APART - k)
             self._babbling.add(k)
-
-    def _add_up(self) -> None:
-        """Count the frame that has come through, its waiting, and how late it is delivered."""
-        self._charge(self._one, 1)
-        if not self._one[0, 3] & 0x80:
-            number = can_id(self._one, 0) & 0x7FF
-            self._latency[number] = max(self._latency[number], 1e-9 * self._wire.waited())
-        late = self._clock() - self._wire.end
-        self._through += 1
-        self._late_sum += late
-        self._late_max = max(self._late_max, late)
