@@ -16,7 +16,6 @@ Source: Linux ``include/uapi/linux/can.h`` (struct can_filter), ``net/can/af_can
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from typing import Final
 
 import numba
@@ -25,11 +24,8 @@ from numpy.typing import NDArray
 
 from dftc_rt.bus.fields import can_id
 from dftc_rt.bus.frame import EFF_FLAG, ERR_FLAG, RTR_FLAG, SFF_MASK, Frames, frame_buffer, pack
-from dftc_rt.bus.interface import FrameSocket
+from dftc_rt.bus.interface import Filters, FrameSocket
 from dftc_rt.errors import BusError, InputError
-
-Filters = Sequence[tuple[int, int]]
-"""(identifier, mask) pairs, flags included."""
 
 INV_FILTER: Final = 0x2000_0000
 """In the identifier: take what does not match."""

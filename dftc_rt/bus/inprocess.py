@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from dftc_rt.bus.filters import Filters, send_filters
+from dftc_rt.bus.filters import send_filters
 from dftc_rt.bus.frame import FRAME_SIZE, Frames, frame_buffer
+from dftc_rt.bus.interface import Filters
 from dftc_rt.errors import BusError
 
 DEFAULT_CAPACITY: Final = 1024  # frames that wait at one end before send accepts no more

@@ -12,8 +12,9 @@ import socket
 import struct
 from typing import Final
 
-from dftc_rt.bus.filters import Filters, check_filters
+from dftc_rt.bus.filters import check_filters
 from dftc_rt.bus.frame import ERR_FLAG, Frames
+from dftc_rt.bus.interface import Filters
 from dftc_rt.bus.mmsg import FrameBatcher
 from dftc_rt.errors import BusError, EnvironmentLacksError
 

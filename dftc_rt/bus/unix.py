@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Final
 
 from dftc_rt.bus.directory import socket_path
-from dftc_rt.bus.filters import Filters, send_filters
+from dftc_rt.bus.filters import send_filters
 from dftc_rt.bus.frame import Frames
+from dftc_rt.bus.interface import Filters
 from dftc_rt.bus.mmsg import FrameBatcher
 from dftc_rt.errors import BusError
 
