@@ -196,11 +196,13 @@ class Rig:
         """
         synced = False
         for bus in ready:
-            count = self.ports[bus].receive(self._inbox)
-            row = 0
-            while row < count:
-                row = self.drives.receive(bus, self._inbox, row, count)
-                synced = synced or self._starts_cycle()
+            count = len(self._inbox)
+            while count == len(self._inbox):  # more than that may wait, and wake nobody
+                count = self.ports[bus].receive(self._inbox)
+                row = 0
+                while row < count:
+                    row = self.drives.receive(bus, self._inbox, row, count)
+                    synced = synced or self._starts_cycle()
         if synced:
             self._start_cycle(now)
         for bus in ready:
@@ -289,14 +291,17 @@ class Rig:
     def _take(self, bus: int) -> None:
         """Hand over what has come on one bus; what is of no cycle is answered at once."""
         port = self.ports[bus]
-        count = port.receive(self._inbox)
-        row, prompt = 0, False
-        while row < count:
-            row = self.drives.receive(bus, self._inbox, row, count)
-            if self._starts_cycle():
-                self._synced[bus] = True
-            prompt = prompt or self.drives.repeated
-        if prompt or (count and not self._synced[bus]):
+        count, prompt, some = len(self._inbox), False, False
+        while count == len(self._inbox):  # more than that may wait, and wake nobody
+            count = port.receive(self._inbox)
+            some = some or count > 0
+            row = 0
+            while row < count:
+                row = self.drives.receive(bus, self._inbox, row, count)
+                if self._starts_cycle():
+                    self._synced[bus] = True
+                prompt = prompt or self.drives.repeated
+        if prompt or (some and not self._synced[bus]):
             self._answer(bus, port)
 
     def _starts_cycle(self) -> bool:
