@@ -50,6 +50,7 @@ def run(quick: bool = False) -> Result:
             said += found["refused"]
         for stuck, runs in loaded.items():
             runs.append(_throughput(seconds, stuck))
+            said += runs[-1]["scheduling_refused"]
     batched, off = exchange["batched"], exchange["off"]
     rows = [
         (STYLES[style], float(np.median(us)), min(us), float(np.median(tails[style])),
