@@ -35,7 +35,7 @@ def run(quick: bool = False) -> Result:
     Args:
         quick: One short round, to see that it works.
     """
-    seconds, rounds = (1.0, 1) if quick else (3.0, 5)
+    seconds, rounds = (1.0, 1) if quick else (3.0, 3)
     joints = load_robot("panda").joint_config
     nodes = [int(bus_members(joints, name).size) for name in bus_names(joints)]
     exchange: dict[str, list[float]] = {style: [] for style in STYLES}
