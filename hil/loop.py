@@ -6,7 +6,9 @@ import time
 from collections.abc import Callable, Sequence
 
 from dftc_rt.bus.wait import Waiter
+from hil.bus.paced_bus import PacedBus
 from hil.bus.port import BusPort
+from hil.bus.wire import NEVER
 from hil.rig import Rig
 
 _LOOK_S = 0.1  # how often a lock-step rig looks whether it should end
@@ -62,6 +64,10 @@ def run_wall(rig: Rig, ports: Sequence[BusPort], ended: Callable[[], bool]) -> N
     Raises:
         BusError: A bus has gone away.
     """
+    paced = [port for port in ports if isinstance(port, PacedBus)]
+    if paced:
+        _run_paced(rig, paced, ended)
+        return
     watch = Watch(ports)
     while not ended():
         ready = watch.wait(rig.patience_s)
@@ -69,4 +75,26 @@ def run_wall(rig: Rig, ports: Sequence[BusPort], ended: Callable[[], bool]) -> N
         if ready:
             rig.service_wall(now, ready)
         if rig.overdue(now):
+            rig.idle_wall(now)
+
+
+def _run_paced(rig: Rig, ports: Sequence[PacedBus], ended: Callable[[], bool]) -> None:
+    """Serve paced buses: sleep until a client sends or a frame is through.
+
+    The plant is integrated ahead while nothing is on any wire, so that it keeps no frame waiting.
+    """
+    watch = Watch(ports)
+    while not ended():
+        left = 1e-9 * (min(port.due for port in ports) - time.monotonic_ns())
+        for bus in watch.wait(min(left, rig.patience_s)):
+            ports[bus].take_in()
+        now = time.monotonic_ns()
+        for bus, port in enumerate(ports):
+            if port.due <= now:
+                rig.service_paced(bus, port)
+        if all(port.due == NEVER for port in ports):
+            rig.integrate_ahead()
+        if rig.overdue(now):
+            for port in ports:  # what the drives send now is ready now
+                port.take_in()
             rig.idle_wall(now)

@@ -21,6 +21,8 @@ from dftc_rt.drives.wiring import bus_names, frame_size
 from dftc_rt.dynamics.model import Robot
 from dftc_rt.errors import InputError
 from hil.bus.impairments import Impairments, of_bus
+from hil.bus.paced_bus import PacedBus
+from hil.bus.paced_impairments import PacedImpairments
 from hil.bus.port import BusPort
 from hil.drive.failures import DriveFailures, check_failures
 from hil.drive.select import emulated_drives
@@ -76,7 +78,10 @@ def _record(
 
 
 class Rig:
-    """Drives, buses and plant; driven by :meth:`service_lockstep` or :meth:`service_wall`.
+    """Drives, buses and plant.
+
+    Driven by :meth:`service_lockstep`, :meth:`service_wall` or, on paced buses,
+    :meth:`service_paced`.
 
     Attributes:
         plant: The true robot.
@@ -126,7 +131,8 @@ class Rig:
         self.ports = list(ports)
         for index, (name, port) in enumerate(zip(names, self.ports, strict=True)):
             if found := of_bus(scenario.fault, name, names):
-                port.impair(Impairments(name, found, scenario.seed, index, event, port.frame_size))
+                kind = PacedImpairments if isinstance(port, PacedBus) else Impairments
+                port.impair(kind(name, found, scenario.seed, index, event, port.frame_size))
         self._sink = sink
         self._event = event
         self._inbox = frame_buffer(_CAPACITY, frame_size(scenario.bus))
@@ -190,27 +196,53 @@ class Rig:
         """
         synced = False
         for bus in ready:
-            count = self.ports[bus].receive(self._inbox)
+            count = len(self._inbox)
+            while count == len(self._inbox):  # more than that may wait, and wake nobody
+                count = self.ports[bus].receive(self._inbox)
+                row = 0
+                while row < count:
+                    row = self.drives.receive(bus, self._inbox, row, count)
+                    synced = synced or self._starts_cycle()
+        if synced:
+            self._start_cycle(now)
+        for bus in ready:
+            self._answer(bus, self.ports[bus])
+        if not synced:
+            self.integrate_ahead()
+
+    def service_paced(self, bus: int, port: PacedBus) -> None:
+        """Take what is through on one bus by now, and answer each frame when it was through.
+
+        Args:
+            bus: Index of the bus.
+            port: Its port.
+
+        Raises:
+            BusError: The bus has gone away.
+        """
+        while count := port.receive(self._inbox):
             row = 0
             while row < count:
                 row = self.drives.receive(bus, self._inbox, row, count)
-                synced = synced or self._starts_cycle()
-        if synced:
-            if not self.steps or now - self._last_step > 0.5 * self._period * NS:
-                self._step_wall(now)
-            else:  # SYNC on a further bus in the same cycle: the same step, its own commands
-                self._actuate()
-        for bus in ready:
-            self._answer(bus, self.ports[bus])
-        if self.steps and not synced:
-            self._integrate_ahead()
+                if self._starts_cycle():
+                    self._start_cycle(port.moment)
+            self._answer(bus, port)
 
-    def _integrate_ahead(self) -> None:
+    def _start_cycle(self, now: int) -> None:
+        """Step up to a SYNC at ``now``, ns."""
+        if not self.steps or now - self._last_step > 0.5 * self._period * NS:
+            self._step_wall(now)
+        else:  # SYNC on a further bus in the same cycle: the same step, its own commands
+            self._actuate()
+
+    def integrate_ahead(self) -> None:
         """Use the time between SYNCs: integrate up to the moment at which the next is due.
 
         What acts until then was fixed at the last SYNC, so nothing is anticipated, and the
         answer to the next SYNC does not have to wait for the plant.
         """
+        if not self.steps:
+            return
         target = round((self._last_step + self._period * NS - self._origin) / self._dt_ns)
         if target > self._substeps_done:
             self.plant.advance(target - self._substeps_done)
@@ -259,14 +291,17 @@ class Rig:
     def _take(self, bus: int) -> None:
         """Hand over what has come on one bus; what is of no cycle is answered at once."""
         port = self.ports[bus]
-        count = port.receive(self._inbox)
-        row, prompt = 0, False
-        while row < count:
-            row = self.drives.receive(bus, self._inbox, row, count)
-            if self._starts_cycle():
-                self._synced[bus] = True
-            prompt = prompt or self.drives.repeated
-        if prompt or (count and not self._synced[bus]):
+        count, prompt, some = len(self._inbox), False, False
+        while count == len(self._inbox):  # more than that may wait, and wake nobody
+            count = port.receive(self._inbox)
+            some = some or count > 0
+            row = 0
+            while row < count:
+                row = self.drives.receive(bus, self._inbox, row, count)
+                if self._starts_cycle():
+                    self._synced[bus] = True
+                prompt = prompt or self.drives.repeated
+        if prompt or (some and not self._synced[bus]):
             self._answer(bus, port)
 
     def _starts_cycle(self) -> bool:

@@ -13,6 +13,7 @@ from dftc_rt.config.scenario import Scenario
 from dftc_rt.drives.wiring import bus_names, fd_bitrate
 from dftc_rt.dynamics.model import Robot
 from hil.bus.inprocess import InProcessPort
+from hil.bus.virtual_bus import unpaced
 from hil.rig import EventFunction, RecordSink, Rig, initial_state
 
 
@@ -53,7 +54,7 @@ def in_process_rig(
     ports = [
         InProcessPort(
             name,
-            timing=scenario.bus.timing,
+            timing=unpaced(scenario.bus.timing),
             bitrate=scenario.bus.bitrate,
             data_bitrate=fd_bitrate(scenario.bus),
         )

@@ -335,6 +335,6 @@ def read_budget_s(load: BusLoad) -> float:
     answers = bits["sync"] + bits["answer"] + longest
     return min(
         answers / load.bitrate,
-        1.0 / load.rate_hz - bits["command"] / load.bitrate,
+        max(1.0 / load.rate_hz - bits["command"] / load.bitrate, 0.0),  # 0: overloaded
         WORST_CASE_LIMIT / load.rate_hz,
     )

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
+from dftc_rt.bus.filters import send_filters
 from dftc_rt.bus.frame import FRAME_SIZE, Frames, frame_buffer
+from dftc_rt.bus.interface import Filters
 from dftc_rt.errors import BusError
 
 DEFAULT_CAPACITY: Final = 1024  # frames that wait at one end before send accepts no more
@@ -103,6 +105,15 @@ class InProcessSocket:
         if not count and self._peer is None:
             raise BusError(self.name, "the bus has gone away (closed)")
         return count
+
+    def set_filters(self, filters: Filters | None) -> None:
+        """Have the bus forward only frames that one of ``filters`` takes; None: all. For set-up.
+
+        Raises:
+            InputError: There are too many.
+            BusError: Either end is closed, or the other does not read.
+        """
+        send_filters(self, filters)
 
     def close(self) -> None:
         """Close both directions; the other end still reads what was sent before."""

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 from dftc_rt.bus.frame import Frames
+
+Filters = Sequence[tuple[int, int]]
+"""Acceptance filters: (identifier, mask) pairs, flags included (:mod:`dftc_rt.bus.filters`)."""
 
 
 class FrameSocket(Protocol):
@@ -37,4 +41,19 @@ class FrameSocket(Protocol):
 
     def close(self) -> None:
         """Close the connection; a second call does nothing."""
+        ...
+
+
+class FilteringSocket(FrameSocket, Protocol):
+    """A connection that can be told what not to receive."""
+
+    def set_filters(self, filters: Filters | None) -> None:
+        """Receive only frames that one of ``filters`` takes; None: all. For set-up.
+
+        What is on its way already comes still.
+
+        Raises:
+            InputError: There are too many.
+            BusError: The bus has gone away, or does not read.
+        """
         ...

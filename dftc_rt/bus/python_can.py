@@ -17,6 +17,7 @@ import can
 import numpy as np
 
 from dftc_rt.bus.directory import check_directory, resolve_directory
+from dftc_rt.bus.filters import MOST_FILTERS
 from dftc_rt.bus.frame import (
     BRS,
     EFF_FLAG,
@@ -27,6 +28,7 @@ from dftc_rt.bus.frame import (
     FDF,
     FRAME_SIZE,
     RTR_FLAG,
+    SFF_MASK,
     Frames,
     frame_buffer,
 )
@@ -88,6 +90,25 @@ def to_message(frames: Frames, row: int, channel: str | int, timestamp: float) -
     )
 
 
+def to_filters(
+    filters: Sequence[can.typechecking.CanFilter] | None,
+) -> list[tuple[int, int]] | None:
+    """Return python-can's filters as the bus has them; None where it has to forward everything."""
+    if not filters or len(filters) > MOST_FILTERS:
+        return None
+    found = []
+    for each in filters:
+        identifier, mask = each["can_id"], each["can_mask"]
+        extended = each.get("extended")
+        if extended is None:
+            found.append((identifier & mask & EFF_MASK, mask & EFF_MASK))
+        elif extended:
+            found.append((identifier & EFF_MASK | EFF_FLAG, mask & EFF_MASK | EFF_FLAG))
+        elif not identifier & mask & ~SFF_MASK:  # else nothing with 11 bits matches
+            found.append((identifier & SFF_MASK, mask & SFF_MASK | EFF_FLAG))
+    return found
+
+
 class DftcBus(can.BusABC):
     """A node on the user-space bus.
 
@@ -107,7 +128,7 @@ class DftcBus(can.BusABC):
 
         Args:
             channel: Logical bus name.
-            can_filters: As for every python-can bus; applied on this side.
+            can_filters: As for every python-can bus; the bus forwards nothing else.
             bus_dir: Directory of the buses; by default found as the commands find it.
             receive_own_messages: Also receive what this node sends, once it is sent.
             fd: Take part in CAN FD, besides classical frames; the rig's bus must carry it.
@@ -129,6 +150,7 @@ class DftcBus(can.BusABC):
         self._sending = threading.Lock()  # periodic messages come from a thread of their own
         self._rx = frame_buffer(1, size)
         self._waiter = Waiter([self._node.fd])
+        self._forwarded: list[tuple[int, int]] | None = None  # what the bus was told; None: all
         self._own: deque[can.Message] | None = deque() if receive_own_messages else None
         super().__init__(channel=channel, can_filters=can_filters, **kwargs)
 
@@ -157,6 +179,22 @@ class DftcBus(can.BusABC):
                 own = to_message(self._tx, 0, self.channel, time.time())
                 own.is_rx = False
                 self._own.append(own)
+
+    def _apply_filters(self, filters: can.typechecking.CanFilters | None) -> None:
+        """Have the bus keep the filters; what it had sent before is matched here, as ever.
+
+        Raises:
+            can.CanOperationError: The bus has gone away, or does not read.
+        """
+        chosen = to_filters(filters)
+        if chosen == self._forwarded:
+            return
+        with self._sending:
+            try:
+                self._node.set_filters(chosen)
+            except BusError as error:
+                raise can.CanOperationError(str(error)) from error
+        self._forwarded = chosen
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if self._own:

@@ -10,10 +10,11 @@ import errno
 import os
 import socket
 import struct
-from collections.abc import Sequence
 from typing import Final
 
+from dftc_rt.bus.filters import check_filters
 from dftc_rt.bus.frame import ERR_FLAG, Frames
+from dftc_rt.bus.interface import Filters
 from dftc_rt.bus.mmsg import FrameBatcher
 from dftc_rt.errors import BusError, EnvironmentLacksError
 
@@ -38,7 +39,7 @@ class SocketCanSocket:
         self,
         name: str,
         interface: str,
-        filters: Sequence[tuple[int, int]] | None = None,
+        filters: Filters | None = None,
         *,
         fd: bool = False,
     ) -> None:
@@ -53,11 +54,14 @@ class SocketCanSocket:
             fd: Carry FD frames as well; buffers then have rows of 72 bytes.
 
         Raises:
+            InputError: There are too many filters.
             EnvironmentLacksError: The kernel has no AF_CAN, or refuses it.
             BusError: There is no such CAN interface, or it is down.
         """
         self.name = name
         self.interface = interface
+        if filters is not None:
+            filters = check_filters(filters)
         try:
             raw = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
         except OSError as error:
@@ -70,10 +74,7 @@ class SocketCanSocket:
             raw.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_RECV_OWN_MSGS, 0)
             raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
             if filters is not None:
-                packed = b"".join(
-                    _FILTER.pack(can_id, mask & ~ERR_FLAG) for can_id, mask in filters
-                )
-                raw.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, packed)
+                raw.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, _packed(filters))
             if fd:
                 raw.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
             raw.bind((interface,))
@@ -105,10 +106,30 @@ class SocketCanSocket:
         """
         return self._batcher.receive(self.fd, frames)
 
+    def set_filters(self, filters: Filters | None) -> None:
+        """Have the kernel hand over only frames that one of ``filters`` takes; None: all.
+
+        What waits already comes still.
+
+        Raises:
+            InputError: There are too many.
+            BusError: The socket is closed.
+        """
+        packed = _packed(check_filters(filters))
+        try:
+            self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, packed)
+        except OSError as error:
+            raise BusError(self.name, f"no filters set ({error.strerror})") from error
+
     def close(self) -> None:
         """Leave the bus."""
         self.fd = -1
         self._socket.close()
+
+
+def _packed(filters: Filters) -> bytes:
+    """Return a set as an array of ``struct can_filter``; error frames are never received."""
+    return b"".join(_FILTER.pack(can_id, mask & ~ERR_FLAG) for can_id, mask in filters)
 
 
 def _refusal(interface: str, error: OSError) -> str:

@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Final
 
 from dftc_rt.bus.directory import socket_path
+from dftc_rt.bus.filters import send_filters
 from dftc_rt.bus.frame import Frames
+from dftc_rt.bus.interface import Filters
 from dftc_rt.bus.mmsg import FrameBatcher
 from dftc_rt.errors import BusError
 
@@ -50,6 +52,17 @@ class UnixSocket:
             BusError: The other end is closed and nothing is left to read, or this one.
         """
         return self._batcher.receive(self.fd, frames)
+
+    def set_filters(self, filters: Filters | None) -> None:
+        """Have the bus forward only frames that one of ``filters`` takes; None: all. For set-up.
+
+        What the bus has sent before comes still.
+
+        Raises:
+            InputError: There are too many.
+            BusError: The bus has gone away, or does not read.
+        """
+        send_filters(self, filters)
 
     def close(self) -> None:
         """Leave the bus."""

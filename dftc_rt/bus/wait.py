@@ -78,8 +78,11 @@ class Waiter:
             timeout_s = deadline - time.monotonic()
 
     def ready(self, index: int) -> bool:
-        """Return whether the descriptor at ``index`` was ready when ``wait`` last returned."""
-        return bool(self._fds[index].revents)
+        """Return whether the descriptor at ``index`` was ready when ``wait`` last returned.
+
+        With an in-process link among them, all are.
+        """
+        return not self._count or bool(self._fds[index].revents)
 
 
 def wait(sockets: Sequence[FrameSocket], timeout_s: float) -> bool:

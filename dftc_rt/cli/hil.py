@@ -16,11 +16,11 @@ from cyclopts import Parameter
 
 from dftc_rt.analysis.report import write_report
 from dftc_rt.bus.interface import FrameSocket
-from dftc_rt.bus.select import BusChoice, choose_bus
+from dftc_rt.bus.select import BusChoice
 from dftc_rt.cli import session
 from dftc_rt.cli.output import log_file
 from dftc_rt.cli.processes import roles
-from dftc_rt.cli.processes.buses import RigBuses, join, make_rig
+from dftc_rt.cli.processes.buses import RigBuses, choose, join, make_rig
 from dftc_rt.cli.processes.child import Flags
 from dftc_rt.cli.processes.launcher import Ended, Launcher
 from dftc_rt.cli.processes.roles import Rings
@@ -78,8 +78,7 @@ def hil(
         EnvironmentLacksError: The machine lacks what was asked for.
     """
     opened = session.open_session(scenario, set_)
-    wanted = opened.scenario.bus.interface if bus is None else bus
-    choice = choose_bus(wanted, bus_names(opened.robot.joint_config))
+    choice = choose(opened, bus, lockstep=lockstep)
     with log_file(opened, log, report=report) as path:
         warm_up(opened)
         with tempfile.TemporaryDirectory(prefix="dftc-") as private:

@@ -11,16 +11,15 @@ from types import FrameType
 import msgspec
 
 from dftc_rt.bus.directory import resolve_directory
-from dftc_rt.bus.select import choose_bus
 from dftc_rt.cli import session
-from dftc_rt.cli.processes.buses import RigBuses, make_rig
+from dftc_rt.cli.processes.buses import RigBuses, choose, make_rig
 from dftc_rt.cli.processes.child import STOP_SIGNALS
-from dftc_rt.cli.processes.roles import RIG_PRIORITY
+from dftc_rt.cli.processes.roles import RIG_PRIORITY, rig_core
 from dftc_rt.cli.simulate import warm_up
 from dftc_rt.drives.wiring import bus_names
 from dftc_rt.errors import InputError
 from dftc_rt.ring import EventRing, Ring
-from dftc_rt.rt.process import RealTime, last_core, name_process, report_refused
+from dftc_rt.rt.process import RealTime, name_process, report_refused
 from hil.bus.statistics import BusStatistics
 from hil.loop import run_lockstep, run_wall
 
@@ -60,7 +59,7 @@ def rig(
     """
     opened = session.open_session(scenario, set_)
     names = bus_names(opened.robot.joint_config)
-    choice = choose_bus(opened.scenario.bus.interface if bus is None else bus, names)
+    choice = choose(opened, bus, lockstep=lockstep)
     if choice.kind == "inprocess":
         raise InputError("--bus", "'inprocess'", "vcan or unix: a rig alone is another process")
     warm_up(opened)
@@ -90,7 +89,7 @@ def rig(
         if lockstep:
             run_lockstep(made, ports, lambda: ended[0])
         else:
-            real_time = RealTime(RIG_PRIORITY, last_core())
+            real_time = RealTime(RIG_PRIORITY, rig_core(opened))
             report_refused("rig", real_time.refused)
             run_wall(made, ports, lambda: ended[0])
         statistics = {port.name: port.statistics for port in ports}

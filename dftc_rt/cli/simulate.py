@@ -31,6 +31,7 @@ from dftc_rt.memory import MemorySink
 from dftc_rt.ring import Event, Ring
 from dftc_rt.rt.clock import LockstepClock
 from dftc_rt.rt.executor import INFO, Outcome
+from hil.bus.virtual_bus import unpaced
 from hil.simulate import in_process_rig
 
 _DRAIN_EVERY = 512
@@ -93,6 +94,7 @@ def simulate(
     if frames and log is None:
         raise InputError("--frames", "no log to put them in", "--log F.mcap besides")
     opened = session.open_session(scenario, set_)
+    unpaced(opened.scenario.bus.timing)
     with log_file(opened, log) if log is not None else nullcontext():
         warm_up(opened)
         recorder = None
@@ -185,7 +187,10 @@ def warm_up(opened: Session) -> None:
     Raises:
         KeyboardInterrupt: The operator wanted to stop meanwhile.
     """
-    short = msgspec.structs.replace(opened.scenario, duration_s=0.02)
+    table = opened.scenario.bus
+    timing = "account" if table.timing == "pace" else table.timing  # no time passes here
+    bus = msgspec.structs.replace(table, timing=timing)
+    short = msgspec.structs.replace(opened.scenario, duration_s=0.02, bus=bus)
     brief = dataclasses.replace(opened, scenario=short)
     with _SayIfSlow("compiling the kernels; once per installation, this takes a minute or so"):
         _, outcome = run_simulation(brief, progress=False, abort=True)

@@ -97,7 +97,8 @@ class BusTable(Strict, frozen=True):
     """``[bus]``: how frames travel."""
 
     interface: Literal["auto", "vcan", "unix", "inprocess"] = "auto"
-    timing: Literal["off", "account"] = "account"
+    timing: Literal["off", "account", "pace"] = "account"
+    overload: Literal["refuse", "allow"] = "refuse"
     profile: Literal["cia402", "mit", "moteus"] = "cia402"
     bitrate: Annotated[int, Meta(ge=10_000, le=1_000_000)] = 1_000_000
     data_bitrate: Annotated[int, Meta(ge=10_000, le=8_000_000)] = 5_000_000

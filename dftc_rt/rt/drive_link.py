@@ -256,16 +256,17 @@ class DriveLink:
 
     def _until_answered(self, latest: int) -> None:
         """Receive until every joint has answered or the read budget ends."""
-        cycle = self._cycle
-        self._waiter.wait(max(latest - self._clock.now(), 0) * 1e-9)
+        cycle, waiter = self._cycle, self._waiter
+        waiter.wait(max(latest - self._clock.now(), 0) * 1e-9)
         while True:
             missing = 0
             for bus in self._buses:
-                self._take(bus)
+                if waiter.ready(bus):
+                    self._take(bus)
                 missing += cycle.missing(bus)
             if not missing:
                 return
             left = latest - self._clock.now()
             if left <= 0:
                 return
-            self._waiter.wait(left * 1e-9)
+            waiter.wait(left * 1e-9)

@@ -6,8 +6,11 @@ from typing import Final
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from dftc_rt.bus.barrier import barrier_cycle, find_barrier
+from dftc_rt.bus.fields import can_id
+from dftc_rt.bus.filters import FILTER_ID, MOST_FILTERS, compile_filters, select
 from dftc_rt.bus.frame import FD_FRAME_SIZE, FD_LENGTHS, FDF, FRAME_SIZE, Frames, frame_buffer
 from dftc_rt.bus.interface import FrameSocket
 
@@ -15,17 +18,32 @@ INBOX_FRAMES: Final = 1024
 _CODED = np.array([length in FD_LENGTHS for length in range(66)])
 
 
-@numba.njit("int64(uint8[:, ::1], int64)", cache=True)
-def drop_malformed(frames: Frames, count: int) -> int:
-    """Close ranks over records that no CAN controller could send; return how many stay.
+_FILTER_ID = FILTER_ID
+
+
+@numba.njit("UniTuple(int64, 2)(uint8[:, ::1], int64, uint8[:, ::1])", cache=True)
+def screen(frames: Frames, count: int, asked: Frames) -> tuple[int, int]:
+    """Close ranks over records that no CAN controller could send.
 
     Those are error frames, records longer than 8 data bytes, and FD frames of a length that has
-    no code or with the remote flag.
+    no code or with the remote flag; and the records of filters, which are no frames.
+
+    Args:
+        frames: Batch, what stays moved up in place.
+        count: Rows filled.
+        asked: Written from row 0: records of filters, (>= count, 16).
+
+    Returns:
+        Frames that stay; records of filters.
     """
     kept = 0
+    filters = 0
     for row in range(count):
         length = int(np.int64(frames[row, 4]))
         if frames[row, 3] & 0x20:
+            if can_id(frames, row) == _FILTER_ID:
+                asked[filters] = frames[row, :16]
+                filters += 1
             continue
         if frames.shape[1] == FD_FRAME_SIZE and frames[row, 5] & FDF:
             if frames[row, 3] & 0x40 or not _CODED[min(length, 65)]:
@@ -35,7 +53,7 @@ def drop_malformed(frames: Frames, count: int) -> int:
         if kept != row:
             frames[kept] = frames[row]
         kept += 1
-    return kept
+    return kept, filters
 
 
 class Client:
@@ -47,9 +65,13 @@ class Client:
         dropped: Frames that it lost because it did not read them in time.
         malformed: Records from it that were no CAN frame.
         number: Its own, among all that have joined.
+        filters: What it takes, as of ``compile_filters``; None: everything.
     """
 
-    __slots__ = ("_end", "_inbox", "_start", "barrier", "dropped", "malformed", "number", "socket")
+    __slots__ = (
+        "_asked", "_building", "_chosen", "_end", "_inbox", "_start", "barrier", "dropped",
+        "filters", "malformed", "number", "socket",
+    )  # fmt: skip
 
     def __init__(self, socket: FrameSocket, number: int = 0, frame_size: int = FRAME_SIZE) -> None:
         """Take over the bus's end of a connection."""
@@ -58,6 +80,10 @@ class Client:
         self.barrier: int | None = None
         self.dropped = 0
         self.malformed = 0
+        self.filters: NDArray[np.int64] | None = None
+        self._asked = frame_buffer(INBOX_FRAMES)
+        self._building: list[tuple[int, int]] = []  # the set that is being handed over
+        self._chosen = frame_buffer(0, frame_size)
         self._inbox = frame_buffer(INBOX_FRAMES, frame_size)
         self._start = 0
         self._end = 0
@@ -107,7 +133,29 @@ class Client:
         if count and self._start < self._end:
             self.waiting()
 
+    def chosen(self, frames: Frames, count: int, filters: NDArray[np.int64]) -> tuple[Frames, int]:
+        """Return what of a batch its filters take, in a buffer that the next call overwrites."""
+        if count > len(self._chosen):
+            self._chosen = frame_buffer(max(count, 64), frames.shape[1])
+        return self._chosen, select(frames, count, filters, self._chosen)
+
     def _screened(self, frames: Frames, count: int) -> int:
-        kept: int = drop_malformed(frames, count)
-        self.malformed += count - kept
+        if count > len(self._asked):
+            self._asked = frame_buffer(count)
+        kept, asked = map(int, screen(frames, count, self._asked))
+        self.malformed += count - kept - asked
+        for record in self._asked[:asked]:
+            self._filter(record.tobytes())
         return kept
+
+    def _filter(self, record: bytes) -> None:
+        """Take a filter into the set that is handed over, or put the set in force."""
+        if record[4] == 8 and len(self._building) < MOST_FILTERS:
+            identifier, mask = record[8:12], record[12:16]
+            pair = int.from_bytes(identifier, "little"), int.from_bytes(mask, "little")
+            self._building.append(pair)
+        elif record[4] == 0:
+            self.filters = compile_filters(self._building)
+            self._building = []
+        else:
+            self.malformed += 1

@@ -30,7 +30,8 @@ _STREAM: Final = 0xB05  # of the scenario's seed
 ERROR_BITS: Final = 7
 """More than an intact frame takes: instead of the end of frame (7), a CRC error has a flag (6) and
 a delimiter (8) behind the acknowledge delimiter."""
-_SUSPEND_BITS: Final = 8  # that an error passive sender waits
+SUSPEND_BITS: Final = 8
+"""Bits that an error passive sender waits."""
 RESTART_S: Final = 0.1
 """Time that a node stays away after its counters took it off the bus, s."""
 _MOST_BABBLE: Final = 256  # frames at once, when time has jumped
@@ -200,7 +201,7 @@ class Impairments:
                     self.counts.lost += 1
                     self._waste(frames, row, 0)
                     times = 0
-                case kinds.FrameCorruptionFault() if _matches(fault, number):
+                case kinds.FrameCorruptionFault() if matches(fault, number):
                     if times and not self._gets_through(fault, frames, row, node):
                         self.counts.lost += 1
                         times = 0
@@ -218,7 +219,7 @@ class Impairments:
         fault: kinds.FrameLossFault | kinds.FrameDelayFault | kinds.FrameDuplicationFault,
         number: int,
     ) -> bool:
-        return _matches(fault, number) and bool(self._rng.random() < fault.probability)
+        return matches(fault, number) and bool(self._rng.random() < fault.probability)
 
     def _late(self, number: int) -> float:
         """By how much a frame is late, s."""
@@ -236,7 +237,7 @@ class Impairments:
             sender = self.counters.setdefault(node, ErrorCounters())
             passive = sender.state == "passive"
             self.counts.errors += 1
-            self._waste(frames, row, ERROR_BITS + passive * _SUSPEND_BITS)
+            self._waste(frames, row, ERROR_BITS + passive * SUSPEND_BITS)
             self._spoilt(node, sender)
             if not fault.retransmit or node in self._back:
                 return False
@@ -300,13 +301,14 @@ class Impairments:
         return found
 
 
-def _matches(
+def matches(
     fault: kinds.FrameLossFault
     | kinds.FrameCorruptionFault
     | kinds.FrameDelayFault
     | kinds.FrameDuplicationFault,
     number: int,
 ) -> bool:
+    """Return whether a fault acts on frames of this identifier."""
     return fault.can_id is None or fault.can_id == number
 
 

@@ -34,7 +34,8 @@ class BusPort(Protocol):
 
         Passes them on to the other clients, admits clients that wait, and stops in
         front of a barrier: what a client sends behind one is held until ``pop_barrier``.
-        Never blocks.
+        Never blocks. When the buffer comes back full, more may wait that no descriptor
+        tells of: call again.
 
         Raises:
             BusError: The bus itself has gone away (interface down); a client that

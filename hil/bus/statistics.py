@@ -20,7 +20,8 @@ class BusStatistics:
         exact_data_bits: The same with their own stuffing.
         worst_data_bits: The same with the most stuffing.
         latency_us: Longest time from readiness until a frame was through, µs, by 11-bit
-            identifier: the frames that were handed over with it and won against it, and its own.
+            identifier: the frames that were handed over with it and won against it, and its own;
+            with timing ``pace`` all that it waited for.
         dropped: Frames lost to clients that did not read them in time, clients that
             have left included.
         malformed: Records from clients that are no CAN frame.
@@ -31,6 +32,9 @@ class BusStatistics:
         duplicated: Frames that came twice.
         delayed: Frames that came late.
         babbled: Frames of a babbling node.
+        late_mean_us: By how much frames were delivered later than they were through, µs, mean:
+            the host's delay, which timing ``pace`` alone knows.
+        late_max_us: The longest.
     """
 
     bitrate: int
@@ -52,6 +56,8 @@ class BusStatistics:
     duplicated: int
     delayed: int
     babbled: int
+    late_mean_us: float = 0.0
+    late_max_us: float = 0.0
 
     @property
     def busy_s(self) -> float:

@@ -32,6 +32,24 @@ _FAST: Final = 3  # from a column to its bits at the data bit rate
 _UNBOUNDED: Final = 1 << 30
 
 
+def unpaced(timing: str) -> Timing:
+    """Return a timing that needs no time to pass.
+
+    Raises:
+        InputError: It is ``pace``: in lock-step, in one process and on vcan nothing makes frames
+            wait. Or it is something else.
+    """
+    if timing == "off":
+        return "off"
+    if timing == "account":
+        return "account"
+    raise InputError(
+        "bus.timing",
+        f"{timing!r} where no time passes on the wire (lock-step, one process, vcan)",
+        "account or off",
+    )
+
+
 class VirtualBus:
     """One bus and the clients attached to it; a ``BusPort``.
 
@@ -57,7 +75,7 @@ class VirtualBus:
 
         Args:
             name: Logical bus name.
-            timing: ``off`` or ``account``.
+            timing: ``off`` or ``account``; ``pace`` is :class:`~hil.bus.paced_bus.PacedBus`.
             bitrate: Bits per second of the bus that is stood in for.
             data_bitrate: Of the data part of FD frames: the bus carries them, and all
                 buffers have rows of 72 bytes. None: a classical bus.
@@ -65,8 +83,7 @@ class VirtualBus:
         Raises:
             InputError: ``timing`` is something else.
         """
-        if timing not in ("off", "account"):
-            raise InputError("bus.timing", repr(timing), "off or account on this bus")
+        unpaced(timing)
         self.name = name
         self.fds_version = 0
         self._bitrate = bitrate
@@ -317,6 +334,8 @@ class VirtualBus:
                 self._totals[_FAST + column] += after[1] - before[1]
 
     def _deliver(self, client: Client, frames: Frames, count: int) -> None:
+        if client.filters is not None:
+            frames, count = client.chosen(frames, count, client.filters)
         try:
             client.dropped += count - client.socket.send(frames, count)
         except BusError as error:

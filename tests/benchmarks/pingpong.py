@@ -3,8 +3,10 @@
 ``python -m tests.benchmarks.pingpong`` prints one JSON object. Two processes on the last
 core at the priorities of ``dftc hil``, one AF_UNIX SOCK_SEQPACKET pair a bus. Every period
 one side sends SYNC on each bus, waits for the answers of every node, and sends a command
-to each. Two styles: ``batched`` makes one ``sendmmsg`` or ``recvmmsg`` a bus and waits in
-``ppoll``, as the program does; ``plain`` is one blocking ``socket.send`` or ``recv`` a frame.
+to each. Styles: ``batched`` makes one ``sendmmsg`` or ``recvmmsg`` a bus and waits in
+``ppoll``, as the program does; ``plain`` is one blocking ``socket.send`` or ``recv`` a frame. In
+``off`` and ``account`` the other side is the user-space bus with that timing, and drives that
+answer alike: what the bus costs by itself.
 """
 
 from __future__ import annotations
@@ -15,17 +17,21 @@ import os
 import socket
 import sys
 from collections.abc import Callable, Sequence
+from typing import Final
 
 import numpy as np
 
 from dftc_rt.bus.frame import frame_buffer, pack
 from dftc_rt.bus.mmsg import FrameBatcher
+from dftc_rt.bus.unix import UnixSocket
 from dftc_rt.bus.wait import Waiter
 from dftc_rt.cli.processes.roles import CONTROLLER_PRIORITY, RIG_PRIORITY
 from dftc_rt.rt.clock import NS, RealClock
 from dftc_rt.rt.process import RealTime, die_with_parent, last_core
+from hil.bus.virtual_bus import VirtualBus, unpaced
 
 STYLES = ("batched", "plain")
+ON_A_BUS: Final = ("off", "account")
 SLOW_EVERY = 10  # the drives' second PDO, torque actual, comes with every tenth SYNC
 _SYNC = pack(0x080, bytes(1))
 _FIRST_WARM = 200  # cycles that do not count
@@ -98,6 +104,33 @@ def batched_rig(sockets: Sequence[socket.socket], nodes: Sequence[int]) -> None:
                     batchers[bus].send(fd, answers, nodes[bus] * (1 + slow))
 
 
+def bus_rig(timing: str) -> Callable[[Sequence[socket.socket], Sequence[int]], None]:
+    """Return a server that answers through a user-space bus until the other side closes."""
+
+    def serve(sockets: Sequence[socket.socket], nodes: Sequence[int]) -> None:
+        ports = []
+        for bus, connection in enumerate(sockets):
+            ports.append(VirtualBus(f"can{bus}", timing=unpaced(timing)))
+            ports[-1].attach(UnixSocket(f"can{bus}", connection))
+        inbox, answers = frame_buffer(256), frame_buffer(2 * max(nodes))
+        answers[:] = np.frombuffer(_rows(_answer, 2 * max(nodes)), dtype=np.uint8).reshape(-1, 16)
+        senders = np.arange(2 * max(nodes), dtype=np.int32)
+        identifiers = inbox.view("<u4")
+        waiter = Waiter([port.fds()[0] for port in ports])
+        syncs = [0] * len(ports)
+        while all(port.fds() for port in ports):
+            waiter.wait(1.0)
+            for bus, port in enumerate(ports):
+                if waiter.ready(bus):
+                    count = port.receive(inbox)
+                    if count and identifiers[count - 1, 0] == 0x080:  # behind late commands
+                        slow = syncs[bus] % SLOW_EVERY == 0
+                        syncs[bus] += 1
+                        port.send(answers, nodes[bus] * (1 + slow), senders)
+
+    return serve
+
+
 def plain_controller(
     sockets: Sequence[socket.socket], nodes: Sequence[int]
 ) -> tuple[Exchange, Exchange]:
@@ -142,7 +175,7 @@ def measure(style: str, nodes: Sequence[int], seconds: float, rate_hz: float) ->
     """Run the floor; fork the other side.
 
     Args:
-        style: ``batched`` or ``plain``.
+        style: Of ``STYLES`` or ``ON_A_BUS``.
         nodes: Nodes of each bus.
         seconds: Length of the run.
         rate_hz: Cycles per second.
@@ -153,10 +186,11 @@ def measure(style: str, nodes: Sequence[int], seconds: float, rate_hz: float) ->
     if pid == 0:
         for each in near:
             each.close()
-        _child(batched_rig if style == "batched" else plain_rig, far, nodes)
+        serve = {"batched": batched_rig, "plain": plain_rig}.get(style)
+        _child(serve or bus_rig(style), far, nodes)
     for each in far:
         each.close()
-    make = batched_controller if style == "batched" else plain_controller
+    make = plain_controller if style == "plain" else batched_controller
     read, write = make(near, nodes)
     settings = RealTime(CONTROLLER_PRIORITY, last_core())
     taken = _cycles(read, write, int(seconds * rate_hz), round(NS / rate_hz))
@@ -208,7 +242,7 @@ def _cycles(read: Exchange, write: Exchange, cycles: int, period: int) -> np.nda
 def main() -> None:
     """Run the floor and print what it took."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--style", choices=STYLES, default="batched")
+    parser.add_argument("--style", choices=(*STYLES, *ON_A_BUS), default="batched")
     parser.add_argument("--nodes", type=int, nargs="+", default=[3, 2, 2], help="of each bus")
     parser.add_argument("--seconds", type=float, default=5.0)
     parser.add_argument("--rate-hz", type=float, default=1000.0)

@@ -21,7 +21,7 @@ from dftc_rt.drives.wiring import bus_names
 from dftc_rt.memory import MemorySink
 from dftc_rt.rt.clock import RealClock
 from dftc_rt.rt.process import RealTime, last_core
-from hil.bus.virtual_bus import VirtualBus
+from hil.bus.virtual_bus import VirtualBus, unpaced
 from hil.rig import Rig, initial_state
 
 PRIORITY = 80
@@ -60,7 +60,7 @@ class Joined:
         ports = []
         for name in bus_names(opened.robot.joint_config):
             near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-            port = VirtualBus(name, timing=opened.scenario.bus.timing)
+            port = VirtualBus(name, timing=unpaced(opened.scenario.bus.timing))
             port.attach(unix.UnixSocket(name, far))
             ports.append(port)
             self.sockets.append(ServedSocket(name, near))

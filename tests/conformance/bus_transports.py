@@ -10,7 +10,7 @@ import numpy as np
 
 from dftc_rt.bus.directory import BusDirectory
 from dftc_rt.bus.frame import Frames, frame_buffer, pack, unpack
-from dftc_rt.bus.interface import FrameSocket
+from dftc_rt.bus.interface import FilteringSocket, FrameSocket
 from dftc_rt.bus.socketcan import SocketCanSocket
 from dftc_rt.bus.unix import connect
 from dftc_rt.bus.wait import Waiter
@@ -37,10 +37,10 @@ class Transport:
     """
 
     port: BusPort
-    connect: Callable[[], FrameSocket]
+    connect: Callable[[], FilteringSocket]
     close_actions: list[Callable[[], None]] = field(default_factory=list)
 
-    def join(self) -> FrameSocket:
+    def join(self) -> FilteringSocket:
         """Return one more node, closed with the bus."""
         node = self.connect()
         self.close_actions.insert(0, node.close)

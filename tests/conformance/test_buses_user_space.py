@@ -234,3 +234,39 @@ def test_a_closed_bus_leaves_no_socket_file(tmp_path: Path) -> None:
     bus.port.close()
     assert not (tmp_path / "buses" / "can0").exists()
     bus.close()
+
+
+@pytest.mark.parametrize("stuck", [0, 1])
+def test_many_frames_reach_every_node_that_reads_and_cost_the_stuck_one_alone(
+    bus: Transport, stuck: int
+) -> None:
+    sender, receiver, *listeners = [bus.join() for _ in range(4)]
+    never_reads = [bus.join() for _ in range(stuck)]
+    count, burst = 20_000, 20
+    sent = numbered(count)
+    inbox = frame_buffer(512)
+    heard: list[list[bytes]] = [[], [], []]
+    for first in range(0, count, burst):
+        assert sender.send(batch(sent[first : first + burst]), burst) == burst
+        assert bus.port.receive(inbox) == burst
+        for node, mine in zip((receiver, *listeners), heard, strict=True):
+            got = node.receive(inbox)
+            mine += [inbox[row, 8:16].tobytes() for row in range(got)]
+    assert heard == [[data for _, data in sent]] * 3
+    done = bus.port.statistics
+    assert done.frames == count
+    if not stuck:
+        assert done.dropped == 0
+        return
+    held = 0
+    while fresh := never_reads[0].receive(inbox):
+        held += fresh
+    assert done.dropped == count - held > 0
+
+
+def test_more_than_fits_the_buffer_is_had_by_calling_again(bus: Transport) -> None:
+    node = bus.join()
+    assert node.send(batch(numbered(200)), 200) == 200
+    inbox = frame_buffer(64)
+    bus.join()  # with two nodes, frames wait in the bus once they are read
+    assert [bus.port.receive(inbox) for _ in range(5)] == [64, 64, 64, 8, 0]

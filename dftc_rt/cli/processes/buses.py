@@ -14,15 +14,44 @@ import numpy as np
 from dftc_rt.bus import unix
 from dftc_rt.bus.directory import BusDirectory
 from dftc_rt.bus.interface import FrameSocket
-from dftc_rt.bus.select import BusChoice
+from dftc_rt.bus.select import BusChoice, choose_bus
 from dftc_rt.bus.socketcan import SocketCanSocket
 from dftc_rt.cli.session import Session
 from dftc_rt.config.scenario import BusTable
-from dftc_rt.drives.wiring import fd_bitrate
+from dftc_rt.drives.wiring import bus_names, fd_bitrate
+from dftc_rt.errors import InputError
 from hil.bus.port import BusPort
 from hil.bus.socketcan import SocketCanPort
-from hil.bus.unix import UnixPort, listen
+from hil.bus.unix import PacedUnixPort, UnixPort, listen
+from hil.bus.virtual_bus import unpaced
 from hil.rig import EventFunction, RecordSink, Rig, initial_state
+
+
+def choose(opened: Session, bus: str | None, *, lockstep: bool) -> BusChoice:
+    """Choose how the rig's buses are carried.
+
+    Args:
+        opened: The session.
+        bus: The option ``--bus``; None: as in the scenario.
+        lockstep: Whether rig time moves by barriers only.
+
+    Raises:
+        InputError: There is no such way, or ``bus.timing = "pace"`` does not go with it.
+        EnvironmentLacksError: The machine lacks what was asked for.
+    """
+    table = opened.scenario.bus
+    wanted = table.interface if bus is None else bus
+    names = bus_names(opened.robot.joint_config)
+    if table.timing != "pace":
+        return choose_bus(wanted, names)
+    if lockstep:
+        unpaced(table.timing)
+    if wanted == "auto":
+        return BusChoice("unix", "user-space bus, which alone keeps the time of frames (pace)")
+    choice = choose_bus(wanted, names)
+    if choice.kind != "unix":
+        raise InputError("bus.timing", f"'pace' on {wanted}", "unix: the user-space bus in time")
+    return choice
 
 
 @dataclass
@@ -64,26 +93,25 @@ class RigBuses:
         """
         table = self.table
         if self.choice.kind == "unix":
-            return [
-                UnixPort(
-                    n,
-                    self._listeners[n],
-                    timing=table.timing,
-                    bitrate=table.bitrate,
-                    data_bitrate=fd_bitrate(table),
-                )
-                for n in self.names
-            ]
+            return [self._unix_port(name, table) for name in self.names]
         return [
             SocketCanPort(
                 n,
                 self.choice.interfaces[n],
-                timing=table.timing,
+                timing=unpaced(table.timing),
                 bitrate=table.bitrate,
                 data_bitrate=fd_bitrate(table),
             )
             for n in self.names
         ]
+
+    def _unix_port(self, name: str, table: BusTable) -> BusPort:
+        listener, bitrate, data = self._listeners[name], table.bitrate, fd_bitrate(table)
+        if table.timing == "pace":
+            return PacedUnixPort(name, listener, bitrate=bitrate, data_bitrate=data)
+        return UnixPort(
+            name, listener, timing=table.timing, bitrate=bitrate, data_bitrate=data
+        )  # fmt: skip
 
     def let_go(self) -> None:
         """Close the listeners of a process that is not the rig."""

@@ -18,7 +18,7 @@ from dftc_rt.log.process import record
 from dftc_rt.ring import EventRing, Ring
 from dftc_rt.rt.clock import Clock, LockstepClock, RealClock
 from dftc_rt.rt.executor import ERROR, INFO
-from dftc_rt.rt.process import RealTime, last_core
+from dftc_rt.rt.process import RealTime, first_core, last_core
 from hil.bus.port import BusPort
 from hil.loop import run_lockstep, run_wall
 from hil.rig import Rig
@@ -130,6 +130,14 @@ def controller(
     return {"outcome": dataclasses.asdict(outcome), "refused": refused}
 
 
+def rig_core(opened: Session) -> int:
+    """Return the core of the rig in wall time: the controller's, but not where frames take time.
+
+    A paced bus delivers each frame when it is through, whatever the controller does meanwhile.
+    """
+    return first_core() if opened.scenario.bus.timing == "pace" else last_core()
+
+
 def await_rig(flags: Flags) -> None:
     """Wait until the rig answers: on a fresh machine it compiles its kernels first.
 
@@ -182,7 +190,7 @@ def rig(
     try:
         made, ports = build()
         if not lockstep:
-            real_time = RealTime(RIG_PRIORITY, last_core())
+            real_time = RealTime(RIG_PRIORITY, rig_core(opened))
             refused = real_time.refused
         flags.serving = True
         if lockstep:

@@ -15,7 +15,7 @@ from can.interfaces.virtual import VirtualBus
 
 from dftc_rt.bus.directory import BusDirectory
 from dftc_rt.bus.frame import EFF_FLAG, RTR_FLAG, Frames, frame_buffer
-from dftc_rt.bus.python_can import DftcBus
+from dftc_rt.bus.python_can import DftcBus, to_filters
 from dftc_rt.bus.python_can_socket import PythonCanSocket, open_python_can
 from dftc_rt.bus.unix import UnixSocket, connect
 from dftc_rt.bus.wait import wait
@@ -76,6 +76,39 @@ def test_filters_and_detection(rig: UnixPort) -> None:
         message = tool.recv(timeout=60.0)
         assert message is not None
         assert (message.arbitration_id, bytes(message.data)) == (0x182, b"b")
+        rig.send(batch([(0x181, b"a"), (0x183, b"c")]), 2)
+        assert tool._node.receive(frame_buffer(4)) == 0  # the bus has forwarded neither
+        tool.set_filters(None)
+        rig.receive(frame_buffer(4))
+        rig.send(batch([(0x181, b"a"), (0x183, b"c")]), 2)
+        assert tool._node.receive(frame_buffer(4)) == 2
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        (None, None),
+        ([], None),
+        ([(0x100, 0x7FF, None)], [(0x100, 0x7FF)]),
+        ([(0x100, 0x7FF, False)], [(0x100, 0x7FF | EFF_FLAG)]),
+        ([(0x100, 0x1FFF_FFFF, True)], [(0x100 | EFF_FLAG, 0x1FFF_FFFF | EFF_FLAG)]),
+        ([(0x12345, 0x1FFF_FFFF, False)], []),  # no identifier of 11 bits is that
+        ([(0x100, 0x7FF, None)] * 513, None),  # more than the bus keeps: all matched in python-can
+    ],
+)
+def test_python_can_s_filters_are_the_bus_s(
+    given: list[tuple[int, int, bool | None]] | None, expected: list[tuple[int, int]] | None
+) -> None:
+    filters = (
+        None
+        if given is None
+        else [
+            {"can_id": can_id, "can_mask": mask}
+            | ({} if extended is None else {"extended": extended})
+            for can_id, mask, extended in given
+        ]
+    )
+    assert to_filters(filters) == expected  # type: ignore[arg-type]
 
 
 def test_what_the_bus_does_not_carry_is_refused(rig: UnixPort) -> None:
