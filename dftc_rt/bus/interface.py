@@ -38,3 +38,8 @@ class FrameSocket(Protocol):
     def close(self) -> None:
         """Close the connection; a second call does nothing."""
         ...
+
+
+def device_of(socket: FrameSocket) -> str:
+    """Return what the system calls the interface of a bus; the bus's own name where it has none."""
+    return str(getattr(socket, "interface", socket.name))

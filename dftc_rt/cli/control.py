@@ -20,8 +20,11 @@ from dftc_rt.bus.link_kind import link_kind
 from dftc_rt.bus.python_can_socket import open_python_can
 from dftc_rt.bus.select import vcan_name
 from dftc_rt.bus.socketcan import SocketCanSocket
+from dftc_rt.bus.stamped import StampedSocket
+from dftc_rt.cli import listen as listening
 from dftc_rt.cli import session
 from dftc_rt.cli.hil import finish
+from dftc_rt.cli.listen_show import show
 from dftc_rt.cli.output import log_file
 from dftc_rt.cli.processes import roles
 from dftc_rt.cli.processes.child import Flags
@@ -33,6 +36,8 @@ from dftc_rt.cli.status import Status
 from dftc_rt.drives.wiring import bus_names, fd_bitrate
 from dftc_rt.errors import BusError, DriveError, EnvironmentLacksError, InputError
 
+_LISTEN_S = 2.0
+_LONGEST_S = 86400.0
 _EXPECTED = (
     "unix, vcan, socketcan:can0,can1,… or python-can:INTERFACE:CHANNEL,CHANNEL,…, one for each bus"
 )
@@ -44,12 +49,17 @@ def control(
     bus: str,
     bus_dir: str | Path | None = None,
     lockstep: bool = False,
+    listen: bool = False,
+    ask: bool = False,
+    duration: float | None = None,
     log: str | Path | None = None,
     set_: Sequence[str] = (),
     report: Annotated[bool, Parameter(negative="--no-report")] = True,
     json: bool = False,
 ) -> int:
     """Control drives on a bus that is named outright: this moves whatever is there.
+
+    With ``--listen`` it moves nothing and sends nothing: it says what is on the buses.
 
     Example::
 
@@ -63,6 +73,9 @@ def control(
             that have no SocketCAN driver. There is no default.
         bus_dir: Directory of the user-space buses; default as for ``dftc rig``.
         lockstep: Pace by barriers; the rig must run in lock-step too.
+        listen: Only listen, and say what stands against a start: exit code 1, else 0.
+        ask: With ``--listen``: also ask the drives what they are, which changes nothing.
+        duration: With ``--listen``: for how long, s; default: 2.
         log: MCAP file to write; default: logs/SCENARIO-TIME.mcap.
         set_: Override a key, ``a.b=value``; may be repeated.
         report: Write an HTML report beside the log.
@@ -75,7 +88,10 @@ def control(
         InputError: The scenario or the bus is wrong.
         EnvironmentLacksError: The machine lacks what was asked for.
     """
+    _check_options(listen, ask, duration, lockstep or log is not None)
     opened = session.open_session(scenario, set_)
+    if listen:
+        return _listen(opened, scenario, bus, bus_dir, duration or _LISTEN_S, ask=ask, json=json)
     if bus.startswith(("socketcan:", "python-can:")) and opened.scenario.control.law == "oracle":
         # It would raise the torque of a healthy joint to make up for a fault that is not there.
         raise InputError("control.law", "oracle on real drives", "a law that nobody tells faults")
@@ -109,10 +125,53 @@ def control(
         return finish(opened, ended, report=report, json=json)
 
 
+def _check_options(listen: bool, ask: bool, duration: float | None, others: bool) -> None:
+    """Refuse options that would mean nothing.
+
+    Raises:
+        InputError: One of listening without it, another with it, or no time to listen.
+    """
+    if not listen and (ask or duration is not None):
+        what = "--ask" if ask else "--duration"
+        raise InputError(
+            what, "given without --listen", "--listen, or --set duration_s=S for a run"
+        )
+    if listen and others:
+        raise InputError("--listen", "given with --lockstep or --log", "neither: nothing is run")
+    if duration is not None and not 0.0 < duration <= _LONGEST_S:
+        raise InputError("--duration", str(duration), f"over 0 and at most {_LONGEST_S:g} s")
+
+
+def _listen(
+    opened: Session,
+    scenario: str | Path,
+    bus: str,
+    bus_dir: str | Path | None,
+    seconds: float,
+    *,
+    ask: bool,
+    json: bool,
+) -> int:
+    """Listen on the buses and print what is there; return the exit code."""
+    sockets = _join(opened, scenario, bus, bus_dir, listen=True)
+    try:
+        print(f"listening on {bus} for {seconds:g} s", file=sys.stderr, flush=True)
+        heard = listening.listen(opened, sockets, seconds, ask=ask)
+    finally:
+        for socket in sockets:
+            socket.close()
+    return show(heard, json=json)
+
+
 def _join(
-    opened: Session, scenario: str | Path, bus: str, bus_dir: str | Path | None
+    opened: Session,
+    scenario: str | Path,
+    bus: str,
+    bus_dir: str | Path | None,
+    *,
+    listen: bool = False,
 ) -> list[FrameSocket]:
-    """Open every bus.
+    """Open every bus, to control or to listen.
 
     Raises:
         InputError: The bus is not spelled as it must be, or is not what it says.
@@ -126,8 +185,7 @@ def _join(
         for interface in interfaces:
             if link_kind(interface) != "vcan":
                 raise EnvironmentLacksError(
-                    f"no vcan interface {interface}",
-                    f"ip link add {interface} type vcan && ip link set {interface} up, as root",
+                    f"no vcan interface {interface}", f"dftc bus up {scenario}, as root"
                 )
     elif bus.startswith("socketcan:"):
         interfaces = _one_each(bus, bus.removeprefix("socketcan:"), names)
@@ -136,15 +194,27 @@ def _join(
     else:
         raise InputError("--bus", f"'{bus}'", _EXPECTED)
     fd = fd_bitrate(table) is not None
+    sockets: list[FrameSocket] = []
     try:
-        return [SocketCanSocket(n, i, fd=fd) for n, i in zip(names, interfaces, strict=True)]
+        for name, interface in zip(names, interfaces, strict=True):
+            sockets.append(
+                StampedSocket(name, interface, fd=fd)
+                if listen
+                else SocketCanSocket(name, interface, fd=fd, errors=True)
+            )
     except BusError as error:
-        kind = "" if bus == "vcan" else f" type can bitrate {table.bitrate}"
-        if kind and fd:
-            kind += f" dbitrate {table.data_bitrate} fd on"
-        raise EnvironmentLacksError(
-            str(error), f"ip -br link shows what there is; ip link set NAME up{kind}, as root"
-        ) from None
+        for socket in sockets:
+            socket.close()
+        remedy = f"dftc bus up {scenario}, as root"
+        if bus != "vcan":
+            kind = f"type can bitrate {table.bitrate}"
+            kind += f" dbitrate {table.data_bitrate} fd on" if fd else ""
+            remedy = (
+                "ip -br link shows what there is; "
+                f"ip link set NAME up {kind} restart-ms 100, as root"
+            )
+        raise EnvironmentLacksError(str(error), remedy) from None
+    return sockets
 
 
 def _one_each(bus: str, given: str, names: Sequence[str]) -> list[str]:
@@ -197,4 +267,7 @@ def _join_rig(names: Sequence[str], directory: Path, scenario: str | Path) -> li
 def _how_to_get_drives(bus: str, scenario: str | Path) -> str:
     if bus in ("unix", "vcan"):
         return f"is the rig of this very scenario there? dftc rig {scenario} --bus {bus}"
-    return "check power, wiring, bit rate, and the node ids in robot.toml"
+    return (
+        "check power, wiring, bit rate, and the node ids in robot.toml: "
+        f"dftc control {scenario} --bus {bus} --listen"
+    )
