@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from typing import Final, Literal
 
-from dftc_rt.bus.frame import ERR_FLAG
+from dftc_rt.bus.frame import ERR_FLAG, pack
 
 ALL_CLASSES: Final = 0x1FFF_FFFF
 """Every class, as ``CAN_RAW_ERR_FILTER`` takes it."""
@@ -51,6 +51,26 @@ _STATES: Final[dict[ErrorState, str]] = {
     "passive": "error passive",
     "bus-off": "bus-off",
 }
+
+
+def state_frame(state: ErrorState, tec: int = 0, rec: int = 0) -> bytes:
+    """Return the error frame by which a driver tells a new state.
+
+    Args:
+        state: The state.
+        tec: Transmit error counter; told up to 255.
+        rec: Receive error counter.
+    """
+    if state == "bus-off":
+        return pack(ERR_FLAG | BUS_OFF, bytes(8))
+    detail = {"active": ACTIVE, "warning": WARNING, "passive": PASSIVE}[state]
+    data = bytes([0, detail, 0, 0, 0, 0, min(tec, 255), min(rec, 255)])
+    return pack(ERR_FLAG | CONTROLLER | COUNTERS, data)
+
+
+def restart_frame() -> bytes:
+    """Return the error frame by which a driver tells that it is back from bus-off."""
+    return pack(ERR_FLAG | RESTARTED, bytes(8))
 
 
 class ErrorCounts:

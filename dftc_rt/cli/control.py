@@ -31,10 +31,11 @@ from dftc_rt.cli.processes.child import Flags
 from dftc_rt.cli.processes.launcher import Launcher
 from dftc_rt.cli.processes.roles import Rings
 from dftc_rt.cli.session import Session
+from dftc_rt.cli.set_up_only import set_up_only as set_up_drives
 from dftc_rt.cli.simulate import warm_up
 from dftc_rt.cli.status import Status
 from dftc_rt.drives.wiring import bus_names, fd_bitrate
-from dftc_rt.errors import BusError, DriveError, EnvironmentLacksError, InputError
+from dftc_rt.errors import BusError, DftcError, DriveError, EnvironmentLacksError, InputError
 
 _LISTEN_S = 2.0
 _LONGEST_S = 86400.0
@@ -52,6 +53,7 @@ def control(
     listen: bool = False,
     ask: bool = False,
     duration: float | None = None,
+    set_up_only: bool = False,
     log: str | Path | None = None,
     set_: Sequence[str] = (),
     report: Annotated[bool, Parameter(negative="--no-report")] = True,
@@ -59,7 +61,8 @@ def control(
 ) -> int:
     """Control drives on a bus that is named outright: this moves whatever is there.
 
-    With ``--listen`` it moves nothing and sends nothing: it says what is on the buses.
+    With ``--listen`` it moves nothing and sends nothing: it says what is on the buses. With
+    ``--set-up-only`` it does all that a run does before it gives torque.
 
     Example::
 
@@ -76,6 +79,8 @@ def control(
         listen: Only listen, and say what stands against a start: exit code 1, else 0.
         ask: With ``--listen``: also ask the drives what they are, which changes nothing.
         duration: With ``--listen``: for how long, s; default: 2.
+        set_up_only: Set the drives up, up to switched on but not enabled, and take their power
+            off again.
         log: MCAP file to write; default: logs/SCENARIO-TIME.mcap.
         set_: Override a key, ``a.b=value``; may be repeated.
         report: Write an HTML report beside the log.
@@ -88,10 +93,12 @@ def control(
         InputError: The scenario or the bus is wrong.
         EnvironmentLacksError: The machine lacks what was asked for.
     """
-    _check_options(listen, ask, duration, lockstep or log is not None)
+    _check_options(listen, ask, duration, set_up_only, lockstep or log is not None)
     opened = session.open_session(scenario, set_)
     if listen:
         return _listen(opened, scenario, bus, bus_dir, duration or _LISTEN_S, ask=ask, json=json)
+    if set_up_only:
+        return _set_up(opened, scenario, bus, bus_dir, json=json)
     if bus.startswith(("socketcan:", "python-can:")) and opened.scenario.control.law == "oracle":
         # It would raise the torque of a healthy joint to make up for a fault that is not there.
         raise InputError("control.law", "oracle on real drives", "a law that nobody tells faults")
@@ -108,9 +115,7 @@ def control(
             try:
                 return roles.controller(opened, join, rings, flags, lockstep=lockstep)
             except DriveError as error:
-                if not isinstance(error.__cause__, SdoCommunicationError):
-                    raise  # a drive that answers is not what it should be
-                raise EnvironmentLacksError(str(error), _how_to_get_drives(bus, scenario)) from None
+                raise _explained(error, bus, scenario) from None
 
         with Status(opened, quiet=json or lockstep) as status:
             ended = Launcher(
@@ -125,12 +130,17 @@ def control(
         return finish(opened, ended, report=report, json=json)
 
 
-def _check_options(listen: bool, ask: bool, duration: float | None, others: bool) -> None:
+def _check_options(
+    listen: bool, ask: bool, duration: float | None, set_up_only: bool, others: bool
+) -> None:
     """Refuse options that would mean nothing.
 
     Raises:
         InputError: One of listening without it, another with it, or no time to listen.
     """
+    if set_up_only and (listen or others):
+        what = "given with --listen, --lockstep or --log"
+        raise InputError("--set-up-only", what, "none of them: nothing is run")
     if not listen and (ask or duration is not None):
         what = "--ask" if ask else "--duration"
         raise InputError(
@@ -140,6 +150,27 @@ def _check_options(listen: bool, ask: bool, duration: float | None, others: bool
         raise InputError("--listen", "given with --lockstep or --log", "neither: nothing is run")
     if duration is not None and not 0.0 < duration <= _LONGEST_S:
         raise InputError("--duration", str(duration), f"over 0 and at most {_LONGEST_S:g} s")
+
+
+def _set_up(
+    opened: Session, scenario: str | Path, bus: str, bus_dir: str | Path | None, *, json: bool
+) -> int:
+    """Set the drives up, and no more; return the exit code."""
+    sockets = _join(opened, scenario, bus, bus_dir)
+    try:
+        return set_up_drives(opened, sockets, json=json)
+    except DriveError as error:
+        raise _explained(error, bus, scenario) from None
+    finally:
+        for socket in sockets:
+            socket.close()
+
+
+def _explained(error: DriveError, bus: str, scenario: str | Path) -> DftcError:
+    """Return the error of a set-up: where a drive does not answer, with what to look at."""
+    if not isinstance(error.__cause__, SdoCommunicationError):
+        return error  # a drive that answers is not what it should be
+    return EnvironmentLacksError(str(error), _how_to_get_drives(bus, scenario))
 
 
 def _listen(
