@@ -71,7 +71,7 @@ def test_lockstep_over_vcan_gives_the_same_records_as_one_process(
 
 @pytest.fixture
 def patience(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(commands, "DEADLINE_S", 600.0)
+    monkeypatch.setattr(commands, "DEADLINE_S", 240.0)
 
 
 @pytest.fixture
@@ -81,7 +81,10 @@ def running(tmp_path: Path, patience: None) -> Iterator[Started]:
     with started(
         tmp_path / "run", *HUMBLE, DFTC, *arguments, "--log", tmp_path / "run.mcap"
     ) as process:
-        process.until_running()
+        try:
+            process.until_running()
+        except TimeoutError:
+            pytest.fail(process.err)
         yield process
 
 
@@ -101,7 +104,7 @@ def test_an_interface_that_goes_down_ends_the_run_in_order(
         ip("vcan1", "up")
     until(lambda: all(gone(pid) for pid in pids), "the children to end")
     lines = running.err.splitlines()
-    assert "safe stop: bus lost: can1 (vcan1): the interface went down" in lines
+    assert "safe stop: bus lost: can1 (vcan1): the interface went down" in lines, running.err
     assert "Traceback" not in running.err
     there = read(tmp_path / "run.mcap")
     assert any("quick stop: bus lost: can1 (vcan1)" in event.text for event in there.events)
