@@ -69,4 +69,4 @@ def test_drives_that_are_set_up_and_no_more(
         assert abs(drive["position"] - angle) < 0.36  # the reference's amplitude
     rig.process.send_signal(signal.SIGINT)
     assert rig.end() == 0
-    assert "served 0 cycles" in rig.err  # no SYNC, so no torque was ever in force
+    assert "served 0 cycles" in rig.out  # no SYNC, so no torque was ever in force
