@@ -303,6 +303,7 @@ def _assemble(
         budget_s,
         report,
         frame_size(scenario.bus),
+        scenario.supervisor.stale_cycles,
     )
     link.start(found)
     parts.reference.start(link.q)

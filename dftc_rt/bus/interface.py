@@ -57,3 +57,8 @@ class FilteringSocket(FrameSocket, Protocol):
             BusError: The bus has gone away, or does not read.
         """
         ...
+
+
+def device_of(socket: FrameSocket) -> str:
+    """Return what the system calls the interface of a bus; the bus's own name where it has none."""
+    return str(getattr(socket, "interface", socket.name))

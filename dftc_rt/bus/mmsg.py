@@ -168,7 +168,7 @@ class FrameBatcher:
                 return 0
             if code == errno.EINTR:
                 return self.send(fd, frames, count)
-            raise BusError(self._name, _gone(code))
+            raise BusError(self._name, gone(code))
         return sent
 
     def receive(self, fd: int, frames: Frames) -> int:
@@ -197,7 +197,7 @@ class FrameBatcher:
                 # been told; what the peer sent before is still there to be received.
                 count = _recvmmsg(fd, headers.address, len(frames), MSG_DONTWAIT | MSG_TRUNC, None)
             if count < 0:
-                raise BusError(self._name, _gone(code))
+                raise BusError(self._name, gone(code))
         whole: int
         if headers.fd:
             whole = _mark(frames, headers.lengths, count)
@@ -210,7 +210,7 @@ class FrameBatcher:
     def _sift(self, frames: Frames, headers: _Headers, whole: int, count: int) -> int:
         """Close the gaps that odd records left; an empty record is the end."""
         if headers.lengths[0] == 0:
-            raise BusError(self._name, _gone(0))
+            raise BusError(self._name, gone(0))
         kept = whole
         for row in range(whole, count):
             if headers.lengths[row] == 0:
@@ -239,5 +239,10 @@ class FrameBatcher:
         return headers
 
 
-def _gone(code: int) -> str:
+def gone(code: int) -> str:
+    """Return what the error of a socket says about its bus; 0: closed by the other end."""
+    if code == errno.ENETDOWN:
+        return "the interface went down"
+    if code in (errno.ENODEV, errno.ENXIO):
+        return "the interface is gone: unplugged or removed"
     return f"the bus has gone away ({os.strerror(code) if code else 'closed by its owner'})"

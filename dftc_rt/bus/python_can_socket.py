@@ -13,18 +13,24 @@ from collections import deque
 from typing import Any, Final
 
 import can
+import numpy as np
 
-from dftc_rt.bus.frame import FD_FRAME_SIZE, Frames
+from dftc_rt.bus.error_frames import BUS_ERROR
+from dftc_rt.bus.frame import ERR_FLAG, FD_FRAME_SIZE, Frames, pack
 from dftc_rt.bus.python_can import to_frame, to_message
 from dftc_rt.errors import BusError, EnvironmentLacksError
 
+_A_BUS_ERROR: Final = np.frombuffer(
+    pack(ERR_FLAG | BUS_ERROR, bytes(8)).ljust(FD_FRAME_SIZE, b"\0"), dtype=np.uint8
+)
 _LISTEN_S: Final = 0.05  # that the reading thread may notice late that the bus is closed
 
 
 class PythonCanSocket:
     """One python-can bus; a ``FrameSocket``.
 
-    Error frames are left out, and FD frames where a buffer has rows for classical ones. An
+    Error frames come as those of one class, BUS_ERROR: what else they say differs between
+    interfaces. FD frames are left out where a buffer has rows for classical ones. An
     interface without a descriptor to wait on is read by a thread, which hands its messages over
     in order.
 
@@ -77,7 +83,10 @@ class PythonCanSocket:
                 message = (self._reader or self._bus).recv(0.0)
                 if message is None:
                     break
-                if not message.is_error_frame and (wide or not message.is_fd):
+                if message.is_error_frame:
+                    frames[count] = _A_BUS_ERROR[: frames.shape[1]]
+                    count += 1
+                elif wide or not message.is_fd:
                     to_frame(message, frames, count)
                     count += 1
         except (can.CanError, OSError) as error:

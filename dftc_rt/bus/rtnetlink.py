@@ -9,6 +9,7 @@ import errno
 import os
 import socket
 import struct
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
@@ -22,8 +23,11 @@ _EXCLUSIVE: Final = 0x200
 _CREATE: Final = 0x400
 _NLMSG_ERROR: Final = 2
 _IFLA_IFNAME: Final = 3
+_IFLA_MTU: Final = 4
+_IFLA_TXQLEN: Final = 13
 _IFLA_LINKINFO: Final = 18
 _IFLA_INFO_KIND: Final = 1
+_IFLA_INFO_DATA: Final = 2
 _IFF_UP: Final = 1
 _NESTED_MASK: Final = 0x3FFF
 _NLMSGHDR: Final = struct.Struct("=IHHII")
@@ -40,11 +44,18 @@ class Link:
         index: Its number, which no other link takes while it lives.
         kind: ``vcan``, ``slcan``, …; "" for plain hardware.
         up: Whether it is up.
+        mtu: Largest frame, bytes: 16 for classical CAN, 72 for CAN FD.
+        queue: Frames that wait in its transmit queue at most.
+        data: What its driver tells besides, as it is on netlink; a CAN driver's is decoded by
+            ``dftc_rt.bus.can_link``.
     """
 
     index: int
     kind: str
     up: bool
+    mtu: int = 0
+    queue: int = 0
+    data: bytes = b""
 
 
 def is_link_name(name: str) -> bool:
@@ -66,8 +77,22 @@ def find_link(name: str) -> Link | None:
         if error.errno == errno.ENODEV:
             return None
         raise
+    return parse_link(answer)
+
+
+def parse_link(answer: bytes) -> Link:
+    """Return the link that an answer to RTM_GETLINK describes, its header cut off."""
     _, _, index, flags, _ = _IFINFOMSG.unpack_from(answer)
-    return Link(index, _kind(answer[_IFINFOMSG.size :]), bool(flags & _IFF_UP))
+    found = dict(routing_attributes(answer[_IFINFOMSG.size :]))
+    info = dict(routing_attributes(found.get(_IFLA_LINKINFO, b"")))
+    return Link(
+        index,
+        info.get(_IFLA_INFO_KIND, b"").rstrip(b"\0").decode(),
+        bool(flags & _IFF_UP),
+        _number(found.get(_IFLA_MTU, b"")),
+        _number(found.get(_IFLA_TXQLEN, b"")),
+        info.get(_IFLA_INFO_DATA, b""),
+    )
 
 
 def add_link(name: str, kind: str) -> None:
@@ -90,6 +115,25 @@ def set_link_up(link: Link) -> None:
     _ask(_RTM_NEWLINK, _ACK, index=link.index, up=True)
 
 
+def set_link_down(link: Link) -> None:
+    """Take a link down.
+
+    Raises:
+        OSError: The kernel refuses.
+    """
+    _ask(_RTM_NEWLINK, _ACK, index=link.index, change=_IFF_UP)
+
+
+def set_link_mtu(link: Link, mtu: int) -> None:
+    """Set the largest frame of a link that is down, bytes.
+
+    Raises:
+        OSError: The kernel refuses, as it does for a link that is up (EBUSY).
+    """
+    size = _attribute(_IFLA_MTU, mtu.to_bytes(4, sys.byteorder))
+    _ask(_RTM_NEWLINK, _ACK, index=link.index, attributes=size)
+
+
 def delete_link(link: Link) -> None:
     """Remove a link: this very one, whatever has its name by now.
 
@@ -100,11 +144,17 @@ def delete_link(link: Link) -> None:
 
 
 def _ask(
-    message: int, flags: int, *, index: int = 0, up: bool = False, attributes: bytes = b""
+    message: int,
+    flags: int,
+    *,
+    index: int = 0,
+    up: bool = False,
+    change: int = 0,
+    attributes: bytes = b"",
 ) -> bytes:
     """Send one request; return the body of the answer, which is empty for an acknowledgement."""
     state = _IFF_UP if up else 0
-    body = _IFINFOMSG.pack(socket.AF_UNSPEC, 0, index, state, state) + attributes
+    body = _IFINFOMSG.pack(socket.AF_UNSPEC, 0, index, state, state | change) + attributes
     header = _NLMSGHDR.pack(_NLMSGHDR.size + len(body), message, _REQUEST | flags, 1, 0)
     with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, 0) as route:
         route.settimeout(2.0)
@@ -119,13 +169,8 @@ def _ask(
     return b""
 
 
-def _kind(attributes: bytes) -> str:
-    for attribute, value in _attributes(attributes):
-        if attribute == _IFLA_LINKINFO:
-            for inner, text in _attributes(value):
-                if inner == _IFLA_INFO_KIND:
-                    return text.rstrip(b"\0").decode()
-    return ""
+def _number(value: bytes) -> int:
+    return int.from_bytes(value[:4], sys.byteorder)
 
 
 def _text(value: str) -> bytes:
@@ -138,8 +183,8 @@ def _attribute(kind: int, value: bytes) -> bytes:
     return _RTATTR.pack(_RTATTR.size + len(value), kind) + value + padding
 
 
-def _attributes(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield (type, value) of each routing attribute."""
+def routing_attributes(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield (type, value) of each routing attribute, type without its flags."""
     at = 0
     while at + _RTATTR.size <= len(data):
         length, kind = _RTATTR.unpack_from(data, at)

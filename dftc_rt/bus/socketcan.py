@@ -7,19 +7,24 @@ This opens whatever interface it is told, a live one included; that is for
 from __future__ import annotations
 
 import errno
+import fcntl
 import os
 import socket
 import struct
 from typing import Final
 
+from dftc_rt.bus.error_frames import ALL_CLASSES
 from dftc_rt.bus.filters import check_filters
-from dftc_rt.bus.frame import ERR_FLAG, Frames
+from dftc_rt.bus.frame import ERR_FLAG, FD_FRAME_SIZE, Frames
 from dftc_rt.bus.interface import Filters
 from dftc_rt.bus.mmsg import FrameBatcher
 from dftc_rt.errors import BusError, EnvironmentLacksError
 
 BUFFER_BYTES: Final = 1 << 20  # asked for; the kernel caps it (net.core.rmem_max)
 _FILTER: Final = struct.Struct("=II")
+_CAN_RAW_ERR_FILTER: Final = 2  # not in every Python's socket module
+_SIOCGIFMTU: Final = 0x8921
+_IFREQ: Final = struct.Struct("16si20x")
 
 
 class SocketCanSocket:
@@ -42,6 +47,7 @@ class SocketCanSocket:
         filters: Filters | None = None,
         *,
         fd: bool = False,
+        errors: bool = False,
     ) -> None:
         """Bind to ``interface``, which must be up.
 
@@ -50,13 +56,16 @@ class SocketCanSocket:
             interface: Network interface.
             filters: (identifier, mask) pairs, flags included, of which a received frame
                 must match one (the kernel filters); None receives every frame.
-                Error frames are never received.
+                They say nothing about error frames.
             fd: Carry FD frames as well; buffers then have rows of 72 bytes.
+            errors: Receive the interface's error frames
+                (:mod:`dftc_rt.bus.error_frames`) among the others.
 
         Raises:
             InputError: There are too many filters.
             EnvironmentLacksError: The kernel has no AF_CAN, or refuses it.
-            BusError: There is no such CAN interface, or it is down.
+            BusError: There is no such CAN interface, it is down, or is set to classical
+                frames where FD is asked for.
         """
         self.name = name
         self.interface = interface
@@ -75,7 +84,11 @@ class SocketCanSocket:
             raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
             if filters is not None:
                 raw.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, _packed(filters))
+            if errors:
+                wanted = struct.pack("=I", ALL_CLASSES)
+                raw.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, wanted)
             if fd:
+                _check_mtu(raw, name, interface)
                 raw.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
             raw.bind((interface,))
             # Binding to an interface that is down succeeds and leaves the error behind.
@@ -83,9 +96,11 @@ class SocketCanSocket:
                 raise OSError(code, os.strerror(code))
         except OSError as error:
             raw.close()
+            if isinstance(error, BusError):
+                raise
             raise BusError(name, _refusal(interface, error)) from error
         self._socket = raw
-        self._batcher = FrameBatcher(name)
+        self._batcher = FrameBatcher(name if name == interface else f"{name} ({interface})")
         self.fd = raw.fileno()
 
     def send(self, frames: Frames, count: int) -> int:
@@ -130,6 +145,23 @@ class SocketCanSocket:
 def _packed(filters: Filters) -> bytes:
     """Return a set as an array of ``struct can_filter``; error frames are never received."""
     return b"".join(_FILTER.pack(can_id, mask & ~ERR_FLAG) for can_id, mask in filters)
+
+
+def _check_mtu(raw: socket.socket, name: str, interface: str) -> None:
+    """Refuse an interface that would refuse the first FD frame.
+
+    Raises:
+        BusError: It is set to classical frames.
+        OSError: There is no such interface.
+    """
+    answer = fcntl.ioctl(raw, _SIOCGIFMTU, _IFREQ.pack(os.fsencode(interface)[:15], 0))
+    _, mtu = _IFREQ.unpack(answer)
+    if mtu < FD_FRAME_SIZE:
+        raise BusError(
+            name,
+            f"the interface {interface} is set to classical frames (mtu {mtu}), "
+            f"this profile's are CAN FD (mtu {FD_FRAME_SIZE})",
+        )
 
 
 def _refusal(interface: str, error: OSError) -> str:

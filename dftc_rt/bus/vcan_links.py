@@ -10,21 +10,33 @@ import errno
 import socket
 from collections.abc import Sequence
 
+from dftc_rt.bus.frame import FD_FRAME_SIZE
 from dftc_rt.bus.link_kind import link_of
-from dftc_rt.bus.rtnetlink import Link, add_link, delete_link, is_link_name, set_link_up
+from dftc_rt.bus.rtnetlink import (
+    Link,
+    add_link,
+    delete_link,
+    find_link,
+    is_link_name,
+    set_link_down,
+    set_link_mtu,
+    set_link_up,
+)
 from dftc_rt.errors import EnvironmentLacksError, InputError
 
 _INSTEAD = "or do without: --bus unix needs neither"
 
 
-def bring_up(names: Sequence[str]) -> dict[str, str]:
+def bring_up(names: Sequence[str], *, fd: bool = False) -> dict[str, str]:
     """See to it that vcan links are there and up: all of them, or none is made.
 
     Args:
         names: Links, such as ``vcan0``.
+        fd: Whether they are to carry CAN FD; one that does not is taken down for a moment.
 
     Returns:
-        Name -> what was done: ``made``, ``brought up`` or ``was up``.
+        Name -> what was done: ``made``, ``brought up`` or ``was up``; with the mtu, if that
+        was changed.
 
     Raises:
         InputError: A name belongs to a link that is no vcan, or is none for a link.
@@ -39,12 +51,14 @@ def bring_up(names: Sequence[str]) -> dict[str, str]:
             if link is None:
                 add_link(name, "vcan")
                 made.append(name)
-                done[name] = "made"
-            elif not link.up:
-                set_link_up(link)
-                done[name] = "brought up"
+                link = find_link(name) if fd else None
+                done[name] = "made" + _carry_fd(link)
             else:
-                done[name] = "was up"
+                done[name] = "was up" if link.up else "brought up"
+                changed = _carry_fd(link if fd else None)
+                if not link.up and not changed:
+                    set_link_up(link)
+                done[name] += changed
     except OSError as error:
         with contextlib.suppress(OSError):  # the first refusal is the one to tell
             take_down(made)
@@ -75,6 +89,37 @@ def take_down(names: Sequence[str]) -> dict[str, str]:
                 if error.errno != errno.ENODEV:  # somebody else was faster
                     raise _refusal(f"remove {name}", error) from error
     return done
+
+
+def check_fd(names: Sequence[str], remedy: str) -> None:
+    """Refuse vcan links that would refuse the first CAN FD frame.
+
+    Raises:
+        EnvironmentLacksError: One carries classical frames only.
+    """
+    for name in names:
+        link = link_of(name)
+        if link is not None and link.mtu < FD_FRAME_SIZE:
+            raise EnvironmentLacksError(
+                f"{name} carries classical frames only (mtu {link.mtu}), "
+                f"this profile's are CAN FD (mtu {FD_FRAME_SIZE})",
+                remedy,
+            )
+
+
+def _carry_fd(link: Link | None) -> str:
+    """Have a link carry CAN FD, and be up; return what that changed.
+
+    Raises:
+        OSError: The kernel refuses.
+    """
+    if link is None or link.mtu >= FD_FRAME_SIZE:
+        return ""
+    if link.up:
+        set_link_down(link)
+    set_link_mtu(link, FD_FRAME_SIZE)
+    set_link_up(link)
+    return f", mtu {link.mtu} -> {FD_FRAME_SIZE}"
 
 
 def _vcan_links(names: Sequence[str]) -> dict[str, Link | None]:

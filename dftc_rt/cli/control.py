@@ -20,19 +20,25 @@ from dftc_rt.bus.link_kind import link_kind
 from dftc_rt.bus.python_can_socket import open_python_can
 from dftc_rt.bus.select import vcan_name
 from dftc_rt.bus.socketcan import SocketCanSocket
+from dftc_rt.bus.stamped import StampedSocket
+from dftc_rt.cli import listen as listening
 from dftc_rt.cli import session
 from dftc_rt.cli.hil import finish
+from dftc_rt.cli.listen_show import show
 from dftc_rt.cli.output import log_file
 from dftc_rt.cli.processes import roles
 from dftc_rt.cli.processes.child import Flags
 from dftc_rt.cli.processes.launcher import Launcher
 from dftc_rt.cli.processes.roles import Rings
 from dftc_rt.cli.session import Session
+from dftc_rt.cli.set_up_only import set_up_only as set_up_drives
 from dftc_rt.cli.simulate import warm_up
 from dftc_rt.cli.status import Status
 from dftc_rt.drives.wiring import bus_names, fd_bitrate
-from dftc_rt.errors import BusError, DriveError, EnvironmentLacksError, InputError
+from dftc_rt.errors import BusError, DftcError, DriveError, EnvironmentLacksError, InputError
 
+_LISTEN_S = 2.0
+_LONGEST_S = 86400.0
 _EXPECTED = (
     "unix, vcan, socketcan:can0,can1,… or python-can:INTERFACE:CHANNEL,CHANNEL,…, one for each bus"
 )
@@ -44,6 +50,10 @@ def control(
     bus: str,
     bus_dir: str | Path | None = None,
     lockstep: bool = False,
+    listen: bool = False,
+    ask: bool = False,
+    duration: float | None = None,
+    set_up_only: bool = False,
     log: str | Path | None = None,
     set_: Sequence[str] = (),
     frames: bool = False,
@@ -51,6 +61,9 @@ def control(
     json: bool = False,
 ) -> int:
     """Control drives on a bus that is named outright: this moves whatever is there.
+
+    With ``--listen`` it moves nothing and sends nothing: it says what is on the buses. With
+    ``--set-up-only`` it does all that a run does before it gives torque.
 
     Example::
 
@@ -64,6 +77,11 @@ def control(
             that have no SocketCAN driver. There is no default.
         bus_dir: Directory of the user-space buses; default as for ``dftc rig``.
         lockstep: Pace by barriers; the rig must run in lock-step too.
+        listen: Only listen, and say what stands against a start: exit code 1, else 0.
+        ask: With ``--listen``: also ask the drives what they are, which changes nothing.
+        duration: With ``--listen``: for how long, s; default: 2.
+        set_up_only: Set the drives up, up to switched on but not enabled, and take their power
+            off again.
         log: MCAP file to write; default: logs/SCENARIO-TIME.mcap.
         set_: Override a key, ``a.b=value``; may be repeated.
         frames: Log every frame that is sent and received, to /can.
@@ -77,7 +95,12 @@ def control(
         InputError: The scenario or the bus is wrong.
         EnvironmentLacksError: The machine lacks what was asked for.
     """
+    _check_options(listen, ask, duration, set_up_only, lockstep or log is not None)
     opened = session.open_session(scenario, set_)
+    if listen:
+        return _listen(opened, scenario, bus, bus_dir, duration or _LISTEN_S, ask=ask, json=json)
+    if set_up_only:
+        return _set_up(opened, scenario, bus, bus_dir, json=json)
     if bus.startswith(("socketcan:", "python-can:")) and opened.scenario.control.law == "oracle":
         # It would raise the torque of a healthy joint to make up for a fault that is not there.
         raise InputError("control.law", "oracle on real drives", "a law that nobody tells faults")
@@ -94,9 +117,7 @@ def control(
             try:
                 return roles.controller(opened, join, rings, flags, lockstep=lockstep)
             except DriveError as error:
-                if not isinstance(error.__cause__, SdoCommunicationError):
-                    raise  # a drive that answers is not what it should be
-                raise EnvironmentLacksError(str(error), _how_to_get_drives(bus, scenario)) from None
+                raise _explained(error, bus, scenario) from None
 
         with Status(opened, quiet=json or lockstep) as status:
             ended = Launcher(
@@ -111,10 +132,79 @@ def control(
         return finish(opened, ended, report=report, json=json)
 
 
+def _check_options(
+    listen: bool, ask: bool, duration: float | None, set_up_only: bool, others: bool
+) -> None:
+    """Refuse options that would mean nothing.
+
+    Raises:
+        InputError: One of listening without it, another with it, or no time to listen.
+    """
+    if set_up_only and (listen or others):
+        what = "given with --listen, --lockstep or --log"
+        raise InputError("--set-up-only", what, "none of them: nothing is run")
+    if not listen and (ask or duration is not None):
+        what = "--ask" if ask else "--duration"
+        raise InputError(
+            what, "given without --listen", "--listen, or --set duration_s=S for a run"
+        )
+    if listen and others:
+        raise InputError("--listen", "given with --lockstep or --log", "neither: nothing is run")
+    if duration is not None and not 0.0 < duration <= _LONGEST_S:
+        raise InputError("--duration", str(duration), f"over 0 and at most {_LONGEST_S:g} s")
+
+
+def _set_up(
+    opened: Session, scenario: str | Path, bus: str, bus_dir: str | Path | None, *, json: bool
+) -> int:
+    """Set the drives up, and no more; return the exit code."""
+    sockets = _join(opened, scenario, bus, bus_dir)
+    try:
+        return set_up_drives(opened, sockets, json=json)
+    except DriveError as error:
+        raise _explained(error, bus, scenario) from None
+    finally:
+        for socket in sockets:
+            socket.close()
+
+
+def _explained(error: DriveError, bus: str, scenario: str | Path) -> DftcError:
+    """Return the error of a set-up: where a drive does not answer, with what to look at."""
+    if not isinstance(error.__cause__, SdoCommunicationError):
+        return error  # a drive that answers is not what it should be
+    return EnvironmentLacksError(str(error), _how_to_get_drives(bus, scenario))
+
+
+def _listen(
+    opened: Session,
+    scenario: str | Path,
+    bus: str,
+    bus_dir: str | Path | None,
+    seconds: float,
+    *,
+    ask: bool,
+    json: bool,
+) -> int:
+    """Listen on the buses and print what is there; return the exit code."""
+    sockets = _join(opened, scenario, bus, bus_dir, listen=True)
+    try:
+        print(f"listening on {bus} for {seconds:g} s", file=sys.stderr, flush=True)
+        heard = listening.listen(opened, sockets, seconds, ask=ask)
+    finally:
+        for socket in sockets:
+            socket.close()
+    return show(heard, json=json)
+
+
 def _join(
-    opened: Session, scenario: str | Path, bus: str, bus_dir: str | Path | None
+    opened: Session,
+    scenario: str | Path,
+    bus: str,
+    bus_dir: str | Path | None,
+    *,
+    listen: bool = False,
 ) -> list[FrameSocket]:
-    """Open every bus.
+    """Open every bus, to control or to listen.
 
     Raises:
         InputError: The bus is not spelled as it must be, or is not what it says.
@@ -128,8 +218,7 @@ def _join(
         for interface in interfaces:
             if link_kind(interface) != "vcan":
                 raise EnvironmentLacksError(
-                    f"no vcan interface {interface}",
-                    f"ip link add {interface} type vcan && ip link set {interface} up, as root",
+                    f"no vcan interface {interface}", f"dftc bus up {scenario}, as root"
                 )
     elif bus.startswith("socketcan:"):
         interfaces = _one_each(bus, bus.removeprefix("socketcan:"), names)
@@ -138,15 +227,27 @@ def _join(
     else:
         raise InputError("--bus", f"'{bus}'", _EXPECTED)
     fd = fd_bitrate(table) is not None
+    sockets: list[FrameSocket] = []
     try:
-        return [SocketCanSocket(n, i, fd=fd) for n, i in zip(names, interfaces, strict=True)]
+        for name, interface in zip(names, interfaces, strict=True):
+            sockets.append(
+                StampedSocket(name, interface, fd=fd)
+                if listen
+                else SocketCanSocket(name, interface, fd=fd, errors=True)
+            )
     except BusError as error:
-        kind = "" if bus == "vcan" else f" type can bitrate {table.bitrate}"
-        if kind and fd:
-            kind += f" dbitrate {table.data_bitrate} fd on"
-        raise EnvironmentLacksError(
-            str(error), f"ip -br link shows what there is; ip link set NAME up{kind}, as root"
-        ) from None
+        for socket in sockets:
+            socket.close()
+        remedy = f"dftc bus up {scenario}, as root"
+        if bus != "vcan":
+            kind = f"type can bitrate {table.bitrate}"
+            kind += f" dbitrate {table.data_bitrate} fd on" if fd else ""
+            remedy = (
+                "ip -br link shows what there is; "
+                f"ip link set NAME up {kind} restart-ms 100, as root"
+            )
+        raise EnvironmentLacksError(str(error), remedy) from None
+    return sockets
 
 
 def _one_each(bus: str, given: str, names: Sequence[str]) -> list[str]:
@@ -199,4 +300,7 @@ def _join_rig(names: Sequence[str], directory: Path, scenario: str | Path) -> li
 def _how_to_get_drives(bus: str, scenario: str | Path) -> str:
     if bus in ("unix", "vcan"):
         return f"is the rig of this very scenario there? dftc rig {scenario} --bus {bus}"
-    return "check power, wiring, bit rate, and the node ids in robot.toml"
+    return (
+        "check power, wiring, bit rate, and the node ids in robot.toml: "
+        f"dftc control {scenario} --bus {bus} --listen"
+    )

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dftc_rt.bus.frame import Frames
-from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.drives.scale import JointScale
 from dftc_rt.errors import InputError
 
@@ -64,6 +63,18 @@ class DriveSetup(Protocol):
 
         Raises:
             DriveError: A drive is missing, or is not what the robot file says.
+            BusError: A bus has gone away.
+        """
+        ...
+
+    def examine(self) -> tuple[str, ...]:
+        """Ask every drive what it is; what is sent changes nothing.
+
+        Returns:
+            What is wrong with each drive, (n,); "" with one that is what the robot file says.
+
+        Raises:
+            InputError: The protocol has no question that is not a command as well.
             BusError: A bus has gone away.
         """
         ...
@@ -129,13 +140,13 @@ class Profile:
 
     Attributes:
         name: As in ``[bus] profile``.
-        setup: (sockets, drives, rate_hz) -> set-up half.
+        setup: (sockets, drives, rate_hz, timeout_s=1.0) -> set-up half.
         cycle: (drives, number of buses, rate_hz) -> cycle half.
         fd: Whether its frames are CAN FD: all buffers then have rows of 72 bytes.
     """
 
     name: str
-    setup: Callable[[Sequence[FrameSocket], Sequence[DriveConfig], float], DriveSetup]
+    setup: Callable[..., DriveSetup]
     cycle: Callable[[Sequence[DriveConfig], int, float], DriveCycle]
     fd: bool = False
 

@@ -233,7 +233,7 @@ def vcan(machine: Machine) -> Check:
         bool(links),
         ", ".join(links) or "none",
         "--bus auto takes the user-space bus",
-        "modprobe vcan; ip link add vcan0 type vcan; ip link set vcan0 up, as root, for each bus",
+        "dftc bus up SCENARIO, as root; modprobe vcan before, where the kernel has it as a module",
     )
 
 

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dftc_rt.bus.barrier import find_barrier
-from dftc_rt.bus.frame import BARRIER_ID, FRAME_SIZE, Frames, frame_buffer, unpack
-from dftc_rt.bus.interface import FrameSocket
+from dftc_rt.bus.error_frames import ErrorCounts, bus_off_remedy
+from dftc_rt.bus.frame import BARRIER_ID, ERR_FLAG, FRAME_SIZE, Frames, frame_buffer, unpack
+from dftc_rt.bus.interface import FrameSocket, device_of
 from dftc_rt.bus.wait import Waiter
 from dftc_rt.drives.cia402 import codec, states
 from dftc_rt.drives.interface import GOAL_STOP, DriveCycle, SetUp
@@ -24,6 +25,7 @@ I64 = NDArray[np.int64]
 
 _CAPACITY: Final = 256
 _BARRIER: Final = BARRIER_ID | 8 << 32  # identifier and length, as one word of a frame
+_ERROR: Final = ERR_FLAG >> 24  # in the last byte of an identifier
 _LOCKSTEP_PATIENCE_S: Final = 1.0  # between looks; a rig that dies closes the bus
 _LIVE: Final = (
     states.OPERATION_ENABLED,
@@ -64,6 +66,8 @@ class DriveLink:
         sent: Torque as sent, after limiting and quantisation, (n,), Nm.
         missed: Answers that did not come in time, over all joints and cycles.
         refused: Frames that a bus did not take, over all buses and cycles.
+        errors: Error frames of each bus.
+        fault: What is wrong with a bus, so that the run has to end; "" while nothing is.
     """
 
     def __init__(
@@ -74,6 +78,7 @@ class DriveLink:
         read_budget_s: float,
         event: Callable[[str, str], object],
         frame_size: int = FRAME_SIZE,
+        patience: int = 20,
     ) -> None:
         """Prepare buffers.
 
@@ -85,6 +90,7 @@ class DriveLink:
             read_budget_s: Longest wait for answers from the tick on, s.
             event: Called as (source, text) for what a drive says besides its answers.
             frame_size: Bytes of a row of every buffer: 16, or 72 where frames are CAN FD.
+            patience: Cycles in a row in which a bus may take not all frames.
         """
         self._sockets = list(sockets)
         self._cycle = cycle
@@ -92,7 +98,13 @@ class DriveLink:
         self._lockstep = clock.lockstep
         self._event = event
         self._budget_ns = round(read_budget_s * NS)
-        self._buses = range(len(self._sockets))
+        self._buses: Sequence[int] = range(len(self._sockets))  # those that are still there
+        self._patience = patience
+        self._clogged = [0] * len(self._sockets)  # cycles in a row
+        self._refused_by: set[int] = set()  # in this cycle
+        self._lost: BusError | None = None
+        self.errors = [ErrorCounts() for _ in self._sockets]
+        self.fault = ""
         self.q, self.v = cycle.q, cycle.v
         self.status = cycle.status
         self.sent = cycle.sent
@@ -130,10 +142,15 @@ class DriveLink:
             number: Number of this cycle, from 0.
             deadline: The tick, ns; the read budget counts from it, or from now if later.
 
+        A bus that goes away is a ``fault``; the others go on, so that their drives can be
+        stopped.
+
         Raises:
-            BusError: A bus has gone away.
+            BusError: The last bus has gone away; in lock-step, any.
         """
         cycle, out = self._cycle, self._out
+        if self._refused_by or any(self._clogged):
+            self._look_for_clogs()
         if self._lockstep:
             self._exchange_lockstep(number)
         else:
@@ -170,7 +187,7 @@ class DriveLink:
             torque: False sends zero torque.
 
         Raises:
-            BusError: A bus has gone away.
+            BusError: The last bus has gone away.
         """
         cycle, out = self._cycle, self._out
         cycle.command(tau if torque else self._zero)
@@ -185,18 +202,62 @@ class DriveLink:
         cycle, out = self._cycle, self._out
         cycle.goal = GOAL_STOP
         cycle.command(self._zero)
-        for bus in self._buses:
+        for bus in range(len(self._sockets)):
             with contextlib.suppress(BusError):
                 self._sockets[bus].send(out, cycle.encode(bus, out))
                 self._sockets[bus].send(out, cycle.sync(bus, out))
 
     def _send(self, bus: int, out: Frames, rows: int) -> None:
-        """Send the first rows on one bus; count and report what is refused."""
-        sent = self._sockets[bus].send(out, rows)
+        """Send the first rows on one bus; what it refuses is dropped: the next cycle's are newer.
+
+        Raises:
+            BusError: The last bus has gone away.
+        """
+        try:
+            sent = self._sockets[bus].send(out, rows)
+        except BusError as error:
+            self._lose(bus, error)
+            return
         if sent < rows:
             if not self.refused:
-                self._event(self._sockets[bus].name, "the bus takes no more frames; some are lost")
+                self._event(self._sockets[bus].name, f"takes no more frames; {self._clog(bus)}")
             self.refused += rows - sent
+            self._refused_by.add(bus)
+
+    def _look_for_clogs(self) -> None:
+        """Count the cycles in a row in which a bus did not take all frames."""
+        for bus in self._buses:
+            self._clogged[bus] = self._clogged[bus] + 1 if bus in self._refused_by else 0
+            if self._clogged[bus] >= self._patience and not self.fault:
+                name = self._sockets[bus].name
+                self.fault = f"{name}: no room for frames in {self._patience} cycles in a row; " + (
+                    self._clog(bus)
+                )
+        self._refused_by.clear()
+
+    def _clog(self, bus: int) -> str:
+        """Return why a bus takes no frames, and what to do."""
+        socket = self._sockets[bus]
+        interface = device_of(socket)
+        if not hasattr(socket, "interface"):
+            return "nobody there takes them"
+        return (
+            f"does nobody acknowledge them? else ip link set {interface} txqueuelen 1000 makes room"
+        )
+
+    def _lose(self, bus: int, error: BusError) -> None:
+        """Go on without a bus.
+
+        Raises:
+            BusError: It was the last one; says which was the first.
+        """
+        if self._lost is None:
+            self._lost = error
+            self.fault = self.fault or f"bus lost: {error}"
+        self._buses = [each for each in self._buses if each != bus]
+        if not self._buses or self._lockstep:
+            raise self._lost
+        self._waiter = Waiter([self._sockets[each].fd for each in self._buses])
 
     def all_enabled(self) -> bool:
         """Return whether every drive says that its operation is enabled."""
@@ -219,22 +280,40 @@ class DriveLink:
     # -- receiving ----------------------------------------------------------------------
 
     def _take(self, bus: int) -> int:
-        """Receive and decode what waits on one bus; return how many frames."""
-        count = self._sockets[bus].receive(self._inbox)
+        """Receive and decode what waits on one bus; return how many frames.
+
+        Raises:
+            BusError: The last bus has gone away.
+        """
+        try:
+            count = self._sockets[bus].receive(self._inbox)
+        except BusError as error:
+            self._lose(bus, error)
+            return 0
         if count and self._cycle.decode(bus, self._inbox, count):
             self._report(bus, self._inbox, count)
         return count
 
     def _report(self, bus: int, frames: Frames, count: int) -> None:
-        """Pass emergencies on; other nodes' frames are not the loop's affair."""
+        """Pass emergencies and errors on; other nodes' frames are not the loop's affair."""
         for row in range(count):
-            if self._cycle.other[row] == 2:
+            if self._cycle.other[row] == 1 and frames[row, 3] & _ERROR:
+                self._note(bus, *unpack(frames[row, :FRAME_SIZE]))
+            elif self._cycle.other[row] == 2:
                 can_id, data = unpack(frames[row].tobytes())
                 code, register, _ = codec.decode_emcy(data)
                 self._event(
                     self._sockets[bus].name,
                     f"emergency 0x{code:04X}, register 0x{register:02X}, node {can_id & 0x7F}",
                 )
+
+    def _note(self, bus: int, can_id: int, data: bytes) -> None:
+        """Take an error frame of an interface into account."""
+        socket, errors = self._sockets[bus], self.errors[bus]
+        for text in errors.take(can_id, data):
+            self._event(socket.name, text)
+        if errors.state == "bus-off" and not self.fault:
+            self.fault = f"{socket.name}: {bus_off_remedy(device_of(socket))}"
 
     def _until_barrier(self, bus: int, number: int) -> None:
         """Receive on one bus until the rig has ended its share of the cycle."""

@@ -295,6 +295,9 @@ class Executor:
                 text = f"did not say within {_DISABLE_TIMEOUT_S} s that it is off"
                 self._enter(State.IDLE, k, ERROR, f"{self._joints[live]}: {text}")
             return
+        if self._link.fault:  # commands do not get through, or not all: no ramp
+            self._safe_stop(k, self._link.fault, ramp=False)
+            return
         if violation != sup.OK and self._react(k, violation, joint):
             return
         if state is State.ARM:

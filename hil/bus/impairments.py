@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dftc_rt.bus.bits import exact_bits
+from dftc_rt.bus.error_frames import restart_frame, state_frame
 from dftc_rt.bus.fd_bits import exact_fd_bits
 from dftc_rt.bus.fields import can_id
 from dftc_rt.bus.frame import FD_FRAME_SIZE, FDF, FRAME_SIZE, Frames, frame_buffer, pack
@@ -95,6 +96,8 @@ class Impairments:
     Attributes:
         counts: What they have done so far.
         counters: Error counters of the nodes that have sent, by node.
+        notices: Error frames by which the controller's interface tells of its own state, until
+            somebody has passed them on; 16 bytes each.
     """
 
     def __init__(
@@ -118,7 +121,9 @@ class Impairments:
         """
         self.counts = Counts()
         self.counters: dict[int, ErrorCounters] = {CONTROLLER: ErrorCounters()}
+        self.notices: list[bytes] = []
         self._name = name
+        self._held_off = False  # by a fault, not by its counters
         self._faults = list(faults)
         self._active: list[BusFault] = []
         self._rng = np.random.default_rng([seed, _STREAM, index])
@@ -139,13 +144,19 @@ class Impairments:
             del self._back[node]
             self.counters[node].restart()
             self._report(t, 1, self._name, f"{_title(node)} is back on the bus")
+            if node == CONTROLLER:
+                self.notices.append(restart_frame())
+        held_off = any(isinstance(f, kinds.BusOffFault) for f in self._active)
+        if held_off != self._held_off:
+            self._held_off = held_off
+            self.notices.append(state_frame("bus-off") if held_off else restart_frame())
         self._babble(t)
 
     def off(self, node: int) -> bool:
         """Whether a node is off the bus: it neither sends nor hears."""
         if node in self._back:
             return True
-        return node <= CONTROLLER and any(isinstance(f, kinds.BusOffFault) for f in self._active)
+        return node <= CONTROLLER and self._held_off
 
     def waiting(self, drives: bool) -> bool:
         """Whether late frames of drives, or of the other nodes, are due by now."""
@@ -261,15 +272,25 @@ class Impairments:
                 counters.spoilt()
             if counters.state != before and other not in self._back:
                 self._report(self._t, 2, self._name, f"{_title(other)} is {_word(counters)}")
+                if other == CONTROLLER:
+                    self._notify(counters)
         if sender.state == "bus-off":
             self._back[node] = self._t + RESTART_S
 
     def _intact(self, node: int) -> None:
+        own = self.counters[CONTROLLER]
+        before = own.state
         for other, counters in self.counters.items():
             if other == node:
                 counters.sent()
             elif other not in self._back:
                 counters.received()
+        if own.state != before:
+            self._notify(own)
+
+    def _notify(self, counters: ErrorCounters) -> None:
+        """Have the controller's interface tell its state."""
+        self.notices.append(state_frame(counters.state, counters.tec, counters.rec))
 
     def _babble(self, t: float) -> None:
         for k, fault in enumerate(self._faults):

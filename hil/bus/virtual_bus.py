@@ -151,6 +151,7 @@ class VirtualBus:
         if impairments is None:
             return
         impairments.advance(t)
+        self._tell(impairments)
         if impairments.waiting(drives=True):
             self._send_impaired(impairments, self._staging, 0, self._nodes)
 
@@ -305,6 +306,7 @@ class VirtualBus:
             frames, count, self._senders, limit, drives=False
         )
         self._waste(wasted, impairments.counts.waste)
+        self._tell(impairments)
         frames[:count] = through[:count]
         if count:
             self._charge(frames, count)
@@ -319,12 +321,24 @@ class VirtualBus:
         wasted = impairments.counts.waste
         through, count, _ = impairments.carry(frames, count, nodes, _UNBOUNDED, drives=True)
         self._waste(wasted, impairments.counts.waste)
+        self._tell(impairments)
         self._charge(through, count)
         if impairments.off(CONTROLLER):
             impairments.counts.lost += count
             return
         for client in tuple(self._clients):
             self._deliver(client, through, count)
+
+    def _tell(self, impairments: Impairments) -> None:
+        """Hand every client the error frames of its interface; none was ever on the wire."""
+        if not impairments.notices:
+            return
+        notices = frame_buffer(len(impairments.notices), self.frame_size)
+        for row, raw in enumerate(impairments.notices):
+            notices[row, :FRAME_SIZE] = np.frombuffer(raw, dtype=np.uint8)
+        impairments.notices.clear()
+        for client in tuple(self._clients):
+            self._deliver(client, notices, len(notices))
 
     def _waste(self, before: tuple[int, int], after: tuple[int, int]) -> None:
         """Charge transmissions that nobody took."""

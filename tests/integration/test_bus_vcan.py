@@ -15,6 +15,7 @@ import pytest
 
 from dftc_rt.bus.frame import BARRIER_ID, EFF_FLAG
 from dftc_rt.bus.rtnetlink import find_link
+from dftc_rt.bus.vcan_links import bring_up
 from dftc_rt.cli.main import run
 from tests.integration import captured
 from tests.integration.captured import Frame
@@ -66,6 +67,24 @@ def test_a_link_that_is_down_is_brought_up(capfd: Lines) -> None:
     assert run(["bus", "up", "can5"]) == 0
     assert states() == [("vcan", True), None]
     assert capfd.readouterr().out == "vcan5: brought up\n"
+
+
+def test_links_for_can_fd_get_its_mtu(capfd: Lines) -> None:
+    for link, state in zip(LINKS, ("up", "down"), strict=True):
+        ip("add", link, "type", "vcan")
+        ip("set", link, "mtu", "16", state)
+    assert bring_up(LINKS) == {"vcan5": "was up", "vcan6": "brought up"}
+    assert bring_up(LINKS, fd=True) == dict.fromkeys(LINKS, "was up, mtu 16 -> 72")
+    assert states() == [("vcan", True), ("vcan", True)]
+    assert [getattr(find_link(link), "mtu", None) for link in LINKS] == [72, 72]
+    ip("set", "vcan0", "down")
+    ip("set", "vcan0", "mtu", "16", "up")
+    moteus = ["--set", "bus.profile=moteus", "--set", "robot.joints_per_bus=4"]
+    run_it = ["hil", "panda_shoulder_loss", "--bus", "vcan", "--lockstep", *moteus]
+    assert run(run_it) == 3
+    assert "vcan0 carries classical frames only (mtu 16)" in capfd.readouterr().err
+    assert run(["bus", "up", "panda_shoulder_loss", *moteus]) == 0
+    assert capfd.readouterr().out == "vcan0: was up, mtu 16 -> 72\nvcan1: was up\n"
 
 
 @pytest.mark.parametrize("command", ["up", "down"])

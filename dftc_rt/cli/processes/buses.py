@@ -16,6 +16,7 @@ from dftc_rt.bus.directory import BusDirectory
 from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.bus.select import BusChoice, choose_bus
 from dftc_rt.bus.socketcan import SocketCanSocket
+from dftc_rt.bus.vcan_links import check_fd
 from dftc_rt.cli.session import Session
 from dftc_rt.config.scenario import BusTable
 from dftc_rt.drives.wiring import bus_names, fd_bitrate
@@ -73,17 +74,20 @@ class RigBuses:
     _listeners: dict[str, socket.socket] = field(default_factory=dict)
 
     def open(self, path: Path) -> None:
-        """Claim the directory and listen on every bus; nothing to do for vcan.
+        """Claim the directory and listen on every bus; for vcan, look whether it will do.
 
         Raises:
             InputError: The directory is in use or unsafe.
-            EnvironmentLacksError: It cannot be made.
+            EnvironmentLacksError: It cannot be made, or a vcan link carries no CAN FD.
         """
         if self.choice.kind == "unix":
             self._made = not os.path.lexists(path)
             self.directory = BusDirectory(path)
             for name in self.names:
                 self._listeners[name] = listen(path, name)
+        elif self.choice.kind == "vcan" and fd_bitrate(self.table) is not None:
+            remedy = "dftc bus up SCENARIO, with the same --set, as root; or --bus unix"
+            check_fd(list(self.choice.interfaces.values()), remedy)
 
     def ports(self) -> list[BusPort]:
         """Return the rig's ports; to be called in the rig's process.
@@ -158,7 +162,9 @@ def join(
         BusError: A bus is not there.
     """
     if choice.kind == "vcan":
-        return [SocketCanSocket(name, choice.interfaces[name], fd=fd) for name in names]
+        return [
+            SocketCanSocket(name, choice.interfaces[name], fd=fd, errors=True) for name in names
+        ]
     if directory is None:
         raise ValueError("the user-space bus needs a directory")
     return [unix.connect(name, directory) for name in names]

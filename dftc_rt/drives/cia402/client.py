@@ -101,6 +101,25 @@ class Cia402Client:
             network.pump()
         return found
 
+    def examine(self) -> tuple[str, ...]:
+        """Read what every drive is: SDO uploads, nothing else is sent.
+
+        Returns:
+            What is wrong with each drive, "" with one that is what the robot file says.
+
+        Raises:
+            BusError: A bus has gone away.
+        """
+        found: list[str] = []
+        for i in range(len(self._drives)):
+            try:
+                with self._blame(i):
+                    self._check_identity(i)
+                found.append("")
+            except DriveError as error:
+                found.append(error.what)
+        return tuple(found)
+
     def shutdown(self) -> tuple[str, ...]:
         """Disable voltage on every drive and leave the operational state, best effort.
 

@@ -19,7 +19,7 @@ from typing import Final
 
 import numpy as np
 
-from dftc_rt.bus.frame import frame_buffer, unpack
+from dftc_rt.bus.frame import ERR_FLAG, frame_buffer, unpack
 from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.drives.cia402 import states
 from dftc_rt.drives.interface import DriveConfig, SetUp
@@ -91,6 +91,14 @@ class MitClient:
             self._drain(socket)
         return found
 
+    def examine(self) -> tuple[str, ...]:
+        """Refuse: whatever makes a drive answer also commands it.
+
+        Raises:
+            InputError: Always.
+        """
+        raise InputError("--ask", "MIT drives answer to commands alone", "--listen without it")
+
     def shutdown(self) -> tuple[str, ...]:
         """Take every drive out of motor mode, best effort.
 
@@ -128,6 +136,8 @@ class MitClient:
             count = socket.receive(self._in)
             for row in range(count):
                 can_id, data = unpack(self._in[row])
+                if can_id & ERR_FLAG:
+                    continue
                 if can_id != self._scales[i].host_id:
                     heard.append(f"identifier 0x{can_id:X}")
                 elif len(data) < codec.SHORT_ANSWER:

@@ -14,12 +14,12 @@ from __future__ import annotations
 import math
 import select
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
 
-from dftc_rt.bus.frame import EFF_FLAG, EFF_MASK, FD_FRAME_SIZE, frame_buffer, unpack
+from dftc_rt.bus.frame import EFF_FLAG, EFF_MASK, ERR_FLAG, FD_FRAME_SIZE, frame_buffer, unpack
 from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.drives.cia402 import states
 from dftc_rt.drives.interface import DriveConfig, SetUp
@@ -97,6 +97,28 @@ class MoteusClient:
             self._drain(socket)
         return found
 
+    def examine(self) -> tuple[str, ...]:
+        """Read the state of every drive; no register is written.
+
+        Returns:
+            What is wrong with each drive, "" with one that answers as it should.
+
+        Raises:
+            BusError: A bus has gone away.
+        """
+        found: list[str] = []
+        for i in range(len(self._drives)):
+            try:
+                self._ask(i, codec.encode_query)
+                mode, position, _, _, fault = self._found.tolist()
+                if mode == reg.FAULTED:
+                    raise self._error(i, f"in fault, code {fault:.0f}")
+                self._check_position(i, position)
+                found.append("")
+            except DriveError as error:
+                found.append(error.what)
+        return tuple(found)
+
     def shutdown(self) -> tuple[str, ...]:
         """Stop every drive, best effort.
 
@@ -127,8 +149,8 @@ class MoteusClient:
             if self._found[0] == reg.STOPPED:
                 return
 
-    def _ask(self, i: int) -> None:
-        """Tell a drive to stop and read its first answer.
+    def _ask(self, i: int, encode: Callable[..., int] = codec.encode_stop) -> None:
+        """Tell a drive to stop, or what ``encode`` writes, and read its first answer.
 
         Raises:
             DriveError: It did not answer; says who did.
@@ -138,7 +160,7 @@ class MoteusClient:
         host = self._scales[i].host_id
         self._drain(socket)  # what a loop before has left is no answer to this
         for row in range(_TIMES):
-            codec.encode_stop(self._out, row, drive.node_id, host)
+            encode(self._out, row, drive.node_id, host)
         deadline = time.monotonic() + self._timeout_s
         sent = socket.send(self._out, _TIMES)
         while sent < _TIMES:
@@ -150,6 +172,8 @@ class MoteusClient:
             count = socket.receive(self._in)
             for row in range(count):
                 can_id, data = unpack(self._in[row])
+                if can_id & ERR_FLAG:
+                    continue
                 if can_id & ~EFF_FLAG != drive.node_id << 8 | host:
                     heard.append(f"identifier 0x{can_id & EFF_MASK:X}")
                 elif not codec.decode_answer(self._in[row, 8:], len(data), self._found):
@@ -160,7 +184,8 @@ class MoteusClient:
                     return
             if not count and not self._wait(socket, deadline, select.POLLIN):
                 who = f"; heard {', '.join(dict.fromkeys(heard))}" if heard else ""
-                raise self._error(i, f"no answer to 'stop' within {self._timeout_s:g} s{who}")
+                word = "stop" if encode is codec.encode_stop else "query"
+                raise self._error(i, f"no answer to '{word}' within {self._timeout_s:g} s{who}")
 
     def _drain(self, socket: FrameSocket) -> None:
         """Receive what waits, and forget it."""

@@ -14,7 +14,8 @@ import pytest
 from can.interfaces.virtual import VirtualBus
 
 from dftc_rt.bus.directory import BusDirectory
-from dftc_rt.bus.frame import EFF_FLAG, RTR_FLAG, Frames, frame_buffer
+from dftc_rt.bus.error_frames import BUS_ERROR
+from dftc_rt.bus.frame import EFF_FLAG, ERR_FLAG, RTR_FLAG, Frames, frame_buffer
 from dftc_rt.bus.python_can import DftcBus, to_filters
 from dftc_rt.bus.python_can_socket import PythonCanSocket, open_python_can
 from dftc_rt.bus.unix import UnixSocket, connect
@@ -175,7 +176,7 @@ def test_a_python_can_interface_is_a_socket(tmp_path: Path) -> None:
         other.send(can.Message(is_error_frame=True))
         other.send(can.Message(arbitration_id=0x5, is_fd=True))
         other.send(MESSAGES[0])
-        assert received(node, frames, 1) == SENT[:1]
+        assert received(node, frames, 2) == [(ERR_FLAG | BUS_ERROR, bytes(8)), SENT[0]]
     node.close()
     node.close()
     with pytest.raises(BusError):

@@ -9,7 +9,7 @@ import pytest
 
 from dftc_rt.bus import link_kind, vcan_links
 from dftc_rt.bus.rtnetlink import Link, find_link
-from dftc_rt.bus.vcan_links import bring_up, take_down
+from dftc_rt.bus.vcan_links import bring_up, check_fd, take_down
 from dftc_rt.errors import EnvironmentLacksError, InputError
 
 
@@ -38,6 +38,12 @@ class Kernel:
     def up(self, link: Link) -> None:
         self._change(f"up {link.index}")
 
+    def down(self, link: Link) -> None:
+        self._change(f"down {link.index}")
+
+    def resize(self, link: Link, mtu: int) -> None:
+        self._change(f"mtu {link.index} {mtu}")
+
     def delete(self, link: Link) -> None:
         (name,) = (name for name, each in self.links.items() if each == link)
         self.changes.append(f"delete {link.index}")
@@ -49,6 +55,9 @@ def kernel(monkeypatch: pytest.MonkeyPatch) -> Kernel:
     played = Kernel({"vcan1": Link(3, "vcan", False), "vcan2": Link(4, "vcan", True),
                      "vcan7": Link(5, "vxcan", True), "vcan8": Link(6, "", True)})  # fmt: skip
     monkeypatch.setattr(link_kind, "find_link", played.find)
+    monkeypatch.setattr(vcan_links, "find_link", played.find)
+    monkeypatch.setattr(vcan_links, "set_link_down", played.down)
+    monkeypatch.setattr(vcan_links, "set_link_mtu", played.resize)
     monkeypatch.setattr(vcan_links, "add_link", played.add)
     monkeypatch.setattr(vcan_links, "set_link_up", played.up)
     monkeypatch.setattr(vcan_links, "delete_link", played.delete)
@@ -106,3 +115,33 @@ def test_the_kernel_tells_the_loopback() -> None:
     assert lo is not None
     assert (lo.index, lo.kind) == (1, "")
     assert find_link("absent0") is None
+
+
+def test_links_for_can_fd_get_its_mtu_and_only_they_go_down_for_it(kernel: Kernel) -> None:
+    kernel.links = {
+        "vcan1": Link(3, "vcan", True, 16), "vcan2": Link(4, "vcan", False, 16),
+        "vcan3": Link(5, "vcan", True, 72), "vcan4": Link(6, "vcan", False, 72),
+    }  # fmt: skip
+    assert bring_up(list(kernel.links), fd=True) == {
+        "vcan1": "was up, mtu 16 -> 72",
+        "vcan2": "brought up, mtu 16 -> 72",
+        "vcan3": "was up",
+        "vcan4": "brought up",
+    }
+    assert kernel.changes == [
+        "down 3", "mtu 3 72", "up 3", "mtu 4 72", "up 4", "up 6",
+    ]  # fmt: skip
+
+
+def test_links_of_classical_frames_stay_as_they_are(kernel: Kernel) -> None:
+    kernel.links = {"vcan1": Link(3, "vcan", True, 16)}
+    assert bring_up(["vcan1"]) == {"vcan1": "was up"}
+    assert kernel.changes == []
+
+
+def test_a_link_of_classical_frames_is_refused_where_they_are_can_fd(kernel: Kernel) -> None:
+    kernel.links = {"vcan1": Link(3, "vcan", True, 72), "vcan2": Link(4, "vcan", True, 16)}
+    check_fd(["vcan1"], "remedy")
+    with pytest.raises(EnvironmentLacksError, match=r"vcan2 .*mtu 16.*; dftc bus up") as caught:
+        check_fd(["vcan1", "vcan2"], "dftc bus up SCENARIO")
+    assert caught.value.exit_code == 3

@@ -153,7 +153,7 @@ def test_a_scenario_that_is_not_there(command: str, capfd: Lines) -> None:
 def test_links_of_a_scenario_and_of_a_list(
     given: str, links: list[str], capfd: Lines, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bus_links, "bring_up", lambda names: dict.fromkeys(names, "made"))
+    monkeypatch.setattr(bus_links, "bring_up", lambda names, fd: dict.fromkeys(names, "made"))
     assert run(["bus", "up", given]) == 0
     assert capfd.readouterr().out == "".join(f"{link}: made\n" for link in links)
     monkeypatch.setattr(bus_links, "take_down", lambda names: dict.fromkeys(names, "removed"))

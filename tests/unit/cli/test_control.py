@@ -50,12 +50,16 @@ def test_no_rig_at_the_default_directory(
 
 @pytest.mark.parametrize(
     ("profile", "kind"),
-    [("mit", "bitrate 1000000,"), ("moteus", "bitrate 1000000 dbitrate 5000000 fd on,")],
+    [
+        ("mit", "bitrate 1000000 restart-ms 100,"),
+        ("moteus", "bitrate 1000000 dbitrate 5000000 fd on restart-ms 100,"),
+    ],
 )
 def test_an_interface_that_is_down(
     profile: str, kind: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    def down(name: str, interface: str, *, fd: bool) -> None:
+    def down(name: str, interface: str, *, fd: bool, errors: bool) -> None:
+        assert errors
         assert fd == (profile == "moteus")
         raise BusError(name, f"the interface {interface} is down")
 

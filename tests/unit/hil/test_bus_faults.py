@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dftc_rt.bus.bits import exact_bits
-from dftc_rt.bus.frame import Frames, frame_buffer, pack, unpack
+from dftc_rt.bus.frame import ERR_FLAG, Frames, frame_buffer, pack, unpack
 from dftc_rt.config import faults as kinds
 from dftc_rt.config.faults import BusFault
 from dftc_rt.errors import InputError
@@ -178,11 +178,36 @@ def test_a_babbling_node_is_heard_by_all_and_fills_the_bus() -> None:
 
 def test_a_controller_off_the_bus_neither_sends_nor_hears() -> None:
     bench = Bench(kinds.BusOffFault(bus="can0", start_s=1.0, end_s=2.0))
+    told: list[tuple[int, bytes]] = []
     for t, expected in ((0.5, 1), (1.5, 0), (2.5, 1)):
         bench.port.advance(t)
         assert len(bench.to_drives()) == expected
-        assert len(bench.from_drives()) == expected
+        heard = bench.from_drives()
+        told += [frame for frame in heard if frame[0] & ERR_FLAG]
+        assert len([frame for frame in heard if not frame[0] & ERR_FLAG]) == expected
     assert bench.port.statistics.lost == 2
+    # Its interface says so on its own machine: CAN_ERR_BUSOFF, CAN_ERR_RESTARTED.
+    assert told == [(0x2000_0040, bytes(8)), (0x2000_0100, bytes(8))]
+
+
+def test_the_interface_of_the_controller_tells_its_state() -> None:
+    bench = Bench(
+        kinds.FrameCorruptionFault(
+            bus="can0", probability=0.5, can_id=0x201, start_s=0.0, end_s=1.0
+        )
+    )
+    bench.port.advance(0.5)
+    told: list[bytes] = []
+    for t in (0.5, 2.0):  # until it is passive; then its frames get through
+        bench.port.advance(t)
+        for _ in range(300):
+            bench.to_drives()
+            told += [data for can_id, data in bench.from_drives() if can_id == 0x2000_0204]
+            if t < 1.0 and told:
+                break
+    assert [data[1] for data in told] == [0x30, 0x40]  # passive, both flags; active
+    assert told[0][6] > 127
+    assert told[1][6] <= 127
 
 
 def test_other_nodes_hear_what_gets_through() -> None:

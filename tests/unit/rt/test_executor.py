@@ -48,6 +48,7 @@ class Link:
         self.sent = np.zeros(2)
         self.missed = 3
         self.refused = 0
+        self.fault = ""
         self.abandoned = False
         self.goal = GOAL_OFF
         self.enables = True
@@ -351,6 +352,10 @@ def runs_away(bench: Bench) -> None:
     bench.link.q[1] += 1.01
 
 
+def bus_fails(bench: Bench) -> None:
+    bench.link.fault = "can1: bus-off"
+
+
 def break_at(bench: Bench, cycle: int, action: Callable[[Bench], None]) -> None:
     bench.link.on_cycle = lambda k: action(bench) if k == cycle else None
 
@@ -365,6 +370,7 @@ def break_at(bench: Bench, cycle: int, action: Callable[[Bench], None]) -> None:
         (drops_out, "elbow: the drive left operation enabled"),
         (runs_away, "elbow: tracking error over 1.0 rad"),
         (rho_low, "elbow: estimated effectiveness below 0.15"),
+        (bus_fails, "can1: bus-off"),
     ],
 )
 def test_where_control_cannot_be_trusted_the_drives_are_quick_stopped(
