@@ -40,6 +40,7 @@ from dftc_rt.reference import Reference, stop_ramp
 from dftc_rt.rt.clock import Clock, FakeClock
 from dftc_rt.rt.drive_link import DriveLink
 from dftc_rt.rt.executor import WARNING, EventFunction, Executor, RecordSink
+from dftc_rt.rt.outside import OutsideCycles
 from dftc_rt.rt.supervisor import Supervisor
 
 F64 = NDArray[np.float64]
@@ -254,6 +255,8 @@ def connect(
     drives = robot_drives(robot, scenario.bus)
     rate = scenario.executor.rate_hz
     setup = chosen.setup(sockets, drives, rate)
+    if clock.lockstep:
+        setup = OutsideCycles(setup, sockets, frame_size(scenario.bus))
     try:
         found = setup.configure()
         return _assemble(

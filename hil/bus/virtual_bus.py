@@ -30,6 +30,7 @@ _EXACT: Final = 2
 _WORST: Final = 3
 _FAST: Final = 3  # from a column to its bits at the data bit rate
 _UNBOUNDED: Final = 1 << 30
+_EXTENDED: Final = 256  # 29-bit identifiers whose latency is kept
 
 
 class VirtualBus:
@@ -80,6 +81,7 @@ class VirtualBus:
         self._barrier_sender = BarrierSender()
         self._totals = np.zeros(7, dtype=np.int64)
         self._latency = np.zeros(2048)
+        self._extended = np.zeros((2, _EXTENDED))
         self._departed = 0
         self._dropped = 0
         self._malformed = 0
@@ -168,6 +170,14 @@ class VirtualBus:
                 return True
         return False
 
+    @property
+    def barrier_cycle(self) -> int | None:
+        """Cycle of the barrier that ``pop_barrier`` would return; None: no barrier waits."""
+        for client in self._clients:
+            if client.barrier is not None:
+                return client.barrier
+        return None
+
     def pop_barrier(self) -> int | None:
         """Return the cycle of the barrier that waits, and let its client go on; or None."""
         for client in self._clients:
@@ -213,6 +223,11 @@ class VirtualBus:
             latency_us={
                 f"0x{number:03x}": round(1e6 * float(self._latency[number]), 1)
                 for number in np.flatnonzero(self._latency)
+            }
+            | {
+                f"0x{int(number):08x}": round(1e6 * float(longest), 1)
+                for number, longest in self._extended.T
+                if longest
             },
             dropped=self._dropped + sum(client.dropped for client in self._clients),
             malformed=self._malformed + sum(client.malformed for client in self._clients),
@@ -334,7 +349,7 @@ class VirtualBus:
     def _charge(self, frames: Frames, count: int) -> None:
         if self._account and self._data_bitrate is not None:
             bit_s, data_bit_s = 1.0 / self._bitrate, 1.0 / self._data_bitrate
-            charge_fd(frames, count, self._totals, bit_s, data_bit_s, self._latency)
+            charge_fd(frames, count, self._totals, bit_s, data_bit_s, self._latency, self._extended)
         elif self._account:
             charge(frames, count, self._totals, 1.0 / self._bitrate, self._latency)
         else:

@@ -111,7 +111,7 @@ def test_other_ranges_another_host_id_and_longer_answers_do_as_well() -> None:
     opened = open_session(
         "panda_shoulder_loss",
         ["duration_s=1", 'bus.profile="mit"', "bus.mit.answer_bytes=8", "bus.mit.p_max_rad=12.5",
-         "bus.mit.host_id=256", "fault=[]"],
+         "bus.mit.host_id=256", "robot.joints_per_bus=1", "fault=[]"],
     )  # fmt: skip
     done, outcome = run_simulation(opened)
     assert outcome.end_state == "done"
@@ -174,6 +174,7 @@ def test_an_actuator_that_is_lost_is_stopped_at_once() -> None:
         ("bus.mit.t_max_nm=18", "bus.mit.t_max_nm: 18 Nm for panda_joint1"),
         ("bus.mit.v_max_rad_s=1", "bus.mit.v_max_rad_s: 1 rad/s for panda_joint1"),
         ("bus.mit.host_id=3", "bus.mit.host_id: 3 is the node id of panda_joint3"),
+        ("bus.mit.host_id=256", "answers with identifier 256 yield to commands to panda_joint1"),
         ("bus.mit.p_max_rad=[12.5]", "bus.mit.p_max_rad: 1 values"),
         ("bus.mit.answer_bytes=7", "bus.mit.answer_bytes"),
         ("bus.mit.range=7", "bus.mit"),
