@@ -105,10 +105,24 @@ def dbc_text(messages: Sequence[Message], version: str) -> str:
         messages=[_message(message) for message in messages],
         nodes=[Node(name) for name in senders],
         version=version,
+        dbc_specifics=_fd_bus() if any(message.fd for message in messages) else None,
         strict=True,  # no fields that overlap or do not fit
     )
     text: str = database.as_dbc_string()
     return text
+
+
+def _fd_bus() -> Any:
+    """Return what says that the bus carries CAN FD: the frames' formats are written with it."""
+    from cantools.database.can.formats.dbc.dbc_attribute import DbcAttribute
+    from cantools.database.can.formats.dbc.dbc_attribute_definition import DbcAttributeDefinition
+    from cantools.database.can.formats.dbc.dbc_specifics import DbcSpecifics
+
+    definition = DbcAttributeDefinition("BusType", default_value="CAN", type_name="STRING")
+    return DbcSpecifics(
+        attributes=OrderedDict(BusType=DbcAttribute("CAN FD", definition)),
+        attribute_definitions=OrderedDict(BusType=definition),
+    )
 
 
 def _message(message: Message) -> Any:
