@@ -161,6 +161,7 @@ def test_faults_of_a_bus_act_on_fd_frames() -> None:
         ("bus.moteus.host_id=3", "bus.moteus.host_id: 3 is the node id of panda_joint3"),
         ("bus.moteus.watchdog_s=0.015", "bus.moteus.watchdog_s: 0.015 s"),
         ("bus.moteus.watchdog_s=2", "bus.moteus.watchdog_s"),
+        ("bus.moteus.watchdog_s=0.01 executor.rate_hz=100", "0.01 s at 100 Hz (expected more"),
         ("bus.moteus.kp=2", "bus.moteus"),
         ("bus.data_bitrate=500000", "bus.data_bitrate: 500000"),
         ("executor.rate_hz=1250 robot.joints_per_bus=5", "bus can0: 4 joints"),  # of 4 and 3

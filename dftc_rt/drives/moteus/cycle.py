@@ -21,9 +21,10 @@ from dftc_rt.bus.frame import FD_FRAME_SIZE, Frames
 from dftc_rt.drives.cia402 import states
 from dftc_rt.drives.interface import GOAL_OPERATE, GOAL_READY, DriveConfig, SetUp
 from dftc_rt.drives.moteus import codec
-from dftc_rt.drives.moteus.scale import scales_of, wire_table
+from dftc_rt.drives.moteus.scale import TIMEOUT_STEP, scales_of, wire_table
 from dftc_rt.drives.polled_cycle import PolledCycle
 from dftc_rt.drives.scale import quantise_torque
+from dftc_rt.errors import InputError
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -89,10 +90,11 @@ class MoteusCycle(PolledCycle):
         Args:
             drives: The drives, in joint order, with ``MoteusScale``.
             buses: Number of buses.
-            rate_hz: Cycles per second; nothing here depends on it.
+            rate_hz: Cycles per second.
 
         Raises:
-            InputError: Two drives of a bus share a node id, or one is of another profile.
+            InputError: Two drives of a bus share a node id, one is of another profile, or
+                its watchdog would fire between two commands.
         """
         n = len(drives)
         scales = scales_of(drives)
@@ -109,6 +111,12 @@ class MoteusCycle(PolledCycle):
         self._found: F64 = np.zeros(5)
         self._wire = wire_table(scales)
         self._timeout = scales[0].timeout
+        if 0 < self._timeout * TIMEOUT_STEP <= 1.0 / rate_hz:
+            raise InputError(
+                "bus.moteus.watchdog_s",
+                f"{self._timeout * TIMEOUT_STEP:g} s at {rate_hz:g} Hz",
+                "more than the time from one command to the next",
+            )
         self._compile(FD_FRAME_SIZE)
 
     def start(self, found: SetUp) -> None:

@@ -28,6 +28,7 @@ from dftc_rt.errors import InputError
 F64 = NDArray[np.float64]
 
 TORQUE_STEP: Final = 0.01  # Nm, of an int16
+TIMEOUT_STEP: Final = 0.01  # s, of an int8
 _MOST: Final = 32767 * TORQUE_STEP
 _TOLERANCE: Final = 1 + 1e-12
 
@@ -86,8 +87,8 @@ def moteus_scales(
     Raises:
         InputError: A value does not fit the robot.
     """
-    timeout = round(table.watchdog_s * 100.0)
-    if not math.isclose(timeout, table.watchdog_s * 100.0, abs_tol=1e-9):
+    timeout = round(table.watchdog_s / TIMEOUT_STEP)
+    if not math.isclose(timeout, table.watchdog_s / TIMEOUT_STEP, abs_tol=1e-9):
         what = f"{table.watchdog_s:g} s"
         raise InputError("bus.moteus.watchdog_s", what, "a whole number of 0.01 s")
     refuse_host_id("bus.moteus.host_id", table.host_id, joints)

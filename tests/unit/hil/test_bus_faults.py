@@ -236,9 +236,9 @@ def test_a_drive_off_the_bus_does_not_hear_either(profile: str) -> None:
     # A drive without SYNC answers what it was sent: of the cycle in which it is back, nothing.
     assert gone.sum() == (10 if profile == "cia402" else 11)
     # The last command that it heard stays in force, and its age is told.
-    ages = found.rig["cmd_age"][:, 1]
+    ages = found.rig["cmd_age"][10:140, 1]
     assert ages.max() == pytest.approx(11, abs=1)
-    assert np.delete(found.rig["cmd_age"][10:], 1, axis=1).max() == 1
+    assert np.delete(found.rig["cmd_age"][10:140], 1, axis=1).max() == 1
 
 
 def test_other_nodes_hear_what_gets_through() -> None:
