@@ -202,7 +202,10 @@ def test_an_arm_that_is_where_it_cannot_be_is_one_line() -> None:
     ("rigs", "line"),
     [
         (["bus.profile=cia402"], "within 1 s; heard identifier 0x701, .*703$"),  # boot-up
-        (["bus.profile=mit", "bus.mit.host_id=0x155"], "within 1 s; heard identifier 0x155$"),
+        (
+            ["bus.profile=mit", "bus.mit.host_id=0x155", "robot.joints_per_bus=1"],
+            "within 1 s; heard identifier 0x155$",
+        ),
     ],
 )
 def test_drives_that_do_not_answer_are_one_line(rigs: list[str], line: str) -> None:
