@@ -42,6 +42,7 @@ from dftc_rt.rt.clock import Clock, FakeClock
 from dftc_rt.rt.drive_link import DriveLink
 from dftc_rt.rt.executor import WARNING, EventFunction, Executor, RecordSink
 from dftc_rt.rt.frame_tap import FrameTap
+from dftc_rt.rt.outside import OutsideCycles
 from dftc_rt.rt.supervisor import Supervisor
 
 F64 = NDArray[np.float64]
@@ -263,6 +264,8 @@ def connect(
         tap = FrameTap(frames, clock, 1.0 / rate, frame_size(scenario.bus))
         sockets = tap.tapped(sockets)
     setup = chosen.setup(sockets, drives, rate)
+    if clock.lockstep:
+        setup = OutsideCycles(setup, sockets, frame_size(scenario.bus))
     try:
         found = setup.configure()
         executor = _assemble(

@@ -15,15 +15,17 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from dftc_rt.bus.barrier import OUTSIDE
 from dftc_rt.bus.frame import frame_buffer
 from dftc_rt.config.scenario import Scenario
-from dftc_rt.drives.wiring import bus_names, frame_size
+from dftc_rt.drives.wiring import bus_members, bus_names, frame_size
 from dftc_rt.dynamics.model import Robot
 from dftc_rt.errors import InputError
-from hil.bus.impairments import Impairments, of_bus
+from hil.bus.impairments import Impairments, check_nodes, of_bus
 from hil.bus.paced_bus import PacedBus
 from hil.bus.paced_impairments import PacedImpairments
 from hil.bus.port import BusPort
+from hil.drive import slots
 from hil.drive.failures import DriveFailures, check_failures
 from hil.drive.select import emulated_drives
 from hil.drive.sensor_faults import SensorFaults
@@ -129,15 +131,21 @@ class Rig:
         self._failures = DriveFailures(scenario.fault, robot.joints, self.drives)
         self._sensor_faults = SensorFaults(scenario.fault, robot.joints, table, scenario.seed)
         self.ports = list(ports)
+        self._impaired: list[tuple[Impairments, I64]] = []  # with the drives of the bus
         for index, (name, port) in enumerate(zip(names, self.ports, strict=True)):
             if found := of_bus(scenario.fault, name, names):
                 kind = PacedImpairments if isinstance(port, PacedBus) else Impairments
-                port.impair(kind(name, found, scenario.seed, index, event, port.frame_size))
+                impairments = kind(
+                    name, found, scenario.seed, index, event, port.frame_size, robot.joints
+                )
+                port.impair(impairments)
+                self._impaired.append((impairments, bus_members(robot.joint_config, name)))
         self._sink = sink
         self._event = event
         self._inbox = frame_buffer(_CAPACITY, frame_size(scenario.bus))
         self._out = frame_buffer(_CAPACITY, frame_size(scenario.bus))
         self._synced = [False] * len(names)
+        self._cycling = [False] * len(names)  # in lock-step: whether a barrier will come
         self._last_commands = np.zeros(n, dtype=np.int64)
         self._age = np.zeros(n)
         self.steps = 0
@@ -168,10 +176,12 @@ class Rig:
         """
         for bus in ready:
             self._take(bus)
+            self._outside(bus)
         for port in self.ports:
             if not port.barrier_pending:
                 return
         cycles = [port.pop_barrier() for port in self.ports]
+        self._cycling = [True] * len(self.ports)
         if any(self._synced):
             if self.steps:
                 self.plant.advance(self._substeps)
@@ -181,6 +191,18 @@ class Rig:
                 self._synced[bus] = False
         for port, cycle in zip(self.ports, cycles, strict=True):
             port.send_barrier(cycle or 0)
+
+    def _outside(self, bus: int) -> None:
+        """Answer barriers that end no cycle; what comes behind one is of none either."""
+        port = self.ports[bus]
+        while (cycle := port.barrier_cycle) is not None and cycle >= OUTSIDE:
+            port.pop_barrier()
+            if self._synced[bus]:  # a cycle that nobody will end
+                self._synced[bus] = False
+                self._answer(bus, port)
+            self._cycling[bus] = False
+            port.send_barrier(cycle)
+            self._take(bus)
 
     # -- wall time ----------------------------------------------------------------------
 
@@ -227,6 +249,10 @@ class Rig:
                 if self._starts_cycle():
                     self._start_cycle(port.moment)
             self._answer(bus, port)
+
+    def _starts_cycle(self) -> bool:
+        """Whether what the drives have just taken starts a cycle; in wall time nobody says so."""
+        return bool(self.drives.synced or (self.steps > 0 and self.drives.switched))
 
     def _start_cycle(self, now: int) -> None:
         """Step up to a SYNC at ``now``, ns."""
@@ -290,23 +316,18 @@ class Rig:
 
     def _take(self, bus: int) -> None:
         """Hand over what has come on one bus; what is of no cycle is answered at once."""
-        port = self.ports[bus]
-        count, prompt, some = len(self._inbox), False, False
+        port, drives = self.ports[bus], self.drives
+        count, some = len(self._inbox), False
         while count == len(self._inbox):  # more than that may wait, and wake nobody
             count = port.receive(self._inbox)
             some = some or count > 0
             row = 0
             while row < count:
-                row = self.drives.receive(bus, self._inbox, row, count)
-                if self._starts_cycle():
+                row = drives.receive(bus, self._inbox, row, count)
+                if drives.synced or (self._cycling[bus] and drives.switched):
                     self._synced[bus] = True
-                prompt = prompt or self.drives.repeated
-        if prompt or (some and not self._synced[bus]):
+        if some and not self._synced[bus]:
             self._answer(bus, port)
-
-    def _starts_cycle(self) -> bool:
-        """Return whether what the drives have just taken starts a cycle."""
-        return self.drives.synced or (self.steps > 0 and self.drives.switched)
 
     def _latch(self) -> None:
         """End a step: timers, new torque commands and brakes, sensors, the record."""
@@ -328,6 +349,11 @@ class Rig:
         self._sink.commit()
         for port in self.ports:
             port.advance(t)
+        for impairments, members in self._impaired:
+            for d in members:  # a node that is off the bus does not hear, either
+                off = slots.BUS_OFF if impairments.off(int(d)) else 0
+                others = drives.objects[d, slots.OFF_BUS] & ~slots.BUS_OFF
+                drives.objects[d, slots.OFF_BUS] = others | off
         self._actuate()
         self._sensors.latch(plant.q, plant.v, plant.motor, drives.objects)
         self._sensor_faults.apply(t, drives.objects)
@@ -356,6 +382,7 @@ def check_rig(scenario: Scenario, robot: Robot) -> None:
     names = bus_names(robot.joint_config)
     for name in names:
         of_bus(scenario.fault, name, names)
+    check_nodes(scenario.fault, robot.joint_config)
     initial_state(scenario, robot, np.zeros((2, robot.n)))
     plant = scenario.rig.plant
     joint_parameters(robot, plant)

@@ -2,9 +2,14 @@
 
 It travels in the stream of frames, behind everything sent before it, as a frame
 with the reserved identifier ``BARRIER_ID`` whose data are the cycle number (u64).
+
+A number from ``OUTSIDE`` on ends no cycle: the rig answers it at once, and what comes behind it
+is of no cycle either, until a barrier that ends one.
 """
 
 from __future__ import annotations
+
+from typing import Final
 
 import numba
 import numpy as np
@@ -12,6 +17,9 @@ import numpy as np
 from dftc_rt.bus.fields import can_id
 from dftc_rt.bus.frame import BARRIER_ID, Frames, pack
 from dftc_rt.bus.interface import FrameSocket
+
+OUTSIDE: Final = 1 << 63
+"""Least number of a barrier that ends no cycle."""
 
 
 def write_barrier(frames: Frames, row: int, cycle: int) -> None:

@@ -137,7 +137,21 @@ def exact_fd_bits(frames: Frames, row: int) -> tuple[int, int]:
     return slow + fast, 0
 
 
-@numba.njit("void(uint8[:, ::1], int64, int64[::1], float64, float64, float64[::1])", cache=True)
+@numba.njit("void(float64[:, ::1], int64, float64)", cache=True)
+def raise_extended(extended: NDArray[np.float64], number: int, elapsed: float) -> None:
+    """Raise the latency of a 29-bit identifier, which takes the first free place once."""
+    for k in range(extended.shape[1]):
+        if extended[1, k] == 0.0:
+            extended[0, k] = number
+        if extended[0, k] == number:
+            extended[1, k] = max(extended[1, k], elapsed)
+            return
+
+
+@numba.njit(
+    "void(uint8[:, ::1], int64, int64[::1], float64, float64, float64[::1], float64[:, ::1])",
+    cache=True,
+)
 def charge_fd(
     frames: Frames,
     count: int,
@@ -145,6 +159,7 @@ def charge_fd(
     bit_s: float,
     data_bit_s: float,
     latency: NDArray[np.float64],
+    extended: NDArray[np.float64],
 ) -> None:
     """Add the bits of the first ``count`` frames of a bus that carries FD frames to ``totals``.
 
@@ -157,6 +172,8 @@ def charge_fd(
         data_bit_s: Length of a bit of the data part, s.
         latency: Longest time until a frame was through, s, by 11-bit identifier, raised in
             place, shape ``(2048,)``.
+        extended: The same of FD frames with 29 bits, shape ``(2, k)``: identifier; longest time,
+            0 where the place is free. Identifiers beyond the first k are left out.
     """
     one = np.zeros(4, dtype=np.int64)
     elapsed = 0.0
@@ -186,5 +203,7 @@ def charge_fd(
         totals[5] += exact_fast
         totals[6] += fast + late if brs else 0
         elapsed += exact * bit_s + exact_fast * data_bit_s
-        if not frames[row, 3] >> 7:
+        if frames[row, 3] >> 7:
+            raise_extended(extended, can_id(frames, row) & 0x1FFFFFFF, elapsed)
+        else:
             latency[number] = max(latency[number], elapsed)

@@ -52,7 +52,7 @@ class Stream:
     Attributes:
         name: Kind of frame, as in the budget.
         can_id: Identifier; the lower has priority.
-        bits: Longest frame.
+        bits: Longest frame; of CAN FD in bits of the bit rate.
         period: Least distance of two frames at their source, bits.
         origin: What makes it ready.
         jitter: Most by which that may come late against its period, bits.
@@ -60,7 +60,7 @@ class Stream:
 
     name: str
     can_id: int
-    bits: int
+    bits: int | Fraction
     period: Fraction
     origin: Origin
     jitter: Fraction = Fraction(0)

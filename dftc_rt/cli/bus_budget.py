@@ -12,7 +12,9 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from dftc_rt.bus import budget as bits
+from dftc_rt.bus.frame import EFF_MASK
 from dftc_rt.bus.latency import Latency, cia402_streams, latencies
+from dftc_rt.bus.polled_latency import mit_frames, moteus_frames, polled_latencies
 from dftc_rt.cli.bus_robot import scenario_and_robot
 from dftc_rt.config.scenario import Scenario
 from dftc_rt.controller import bus_loads, read_budget_s
@@ -31,9 +33,9 @@ def budget(
 
     Load is what a long run needs; latency is from the tick for SYNC and the answers to it,
     and from the hand-over for all else: once in operation, and once with an emergency
-    (EMCY) of every drive at the same time. Over 90 % of the period in the worst case is
-    refused, with the number of buses that would do; exit code 2 then. Latencies are those
-    of the profile cia402; of another the load alone is known.
+    (EMCY) of every drive at the same time, where the profile has such. Without SYNC (mit,
+    moteus) all latencies are from the tick. Over 90 % of the period in the worst case is
+    refused, with the number of buses that would do; exit code 2 then.
 
     Example::
 
@@ -93,19 +95,22 @@ def _bus(load: bits.BusLoad, scenario: Scenario, robot: Robot) -> dict[str, Any]
     per_bit = 1e6 / load.bitrate
 
     def longest(emergencies: bool) -> list[Latency]:
-        if scenario.bus.profile != "cia402":
-            return []
-        streams = cia402_streams(
-            node_ids, rate_hz=load.rate_hz, bitrate=load.bitrate, emergencies=emergencies
-        )
-        return latencies(streams, load.bitrate)
+        if scenario.bus.profile == "cia402":
+            streams = cia402_streams(
+                node_ids, rate_hz=load.rate_hz, bitrate=load.bitrate, emergencies=emergencies
+            )
+            return latencies(streams, load.bitrate)
+        return [] if emergencies else _polled(load, scenario, node_ids)
 
     def microseconds(found: list[Latency], name: str) -> dict[int, float | None]:
-        return {
-            each.stream.can_id: None if each.bits is None else float(each.bits) * per_bit
-            for each in found
-            if each.stream.name == name
-        }
+        by_identifier: dict[int, float | None] = {}
+        for each in found:
+            if each.stream.name == name:
+                us = None if each.bits is None else float(each.bits) * per_bit
+                before = by_identifier.get(each.stream.can_id & EFF_MASK, 0.0)
+                largest = None if us is None or before is None else max(us, before)
+                by_identifier[each.stream.can_id & EFF_MASK] = largest
+        return by_identifier
 
     operation, emergency = longest(False), longest(True)
     frames = []
@@ -115,7 +120,7 @@ def _bus(load: bits.BusLoad, scenario: Scenario, robot: Robot) -> dict[str, Any]
             {
                 "name": item.name,
                 "role": item.role,
-                "identifiers": list(busy),
+                "identifiers": list(busy or quiet),
                 "bytes": item.data_bytes,
                 "per_cycle": item.per_cycle,
                 "nominal_bits": item.nominal_bits,
@@ -139,6 +144,17 @@ def _bus(load: bits.BusLoad, scenario: Scenario, robot: Robot) -> dict[str, Any]
     }
 
 
+def _polled(load: bits.BusLoad, scenario: Scenario, node_ids: list[int]) -> list[Latency]:
+    """Latencies of drives without SYNC."""
+    table = scenario.bus
+    if table.profile == "mit":
+        drives = mit_frames(node_ids, table.mit.host_id)
+    else:
+        drives = moteus_frames(node_ids, table.moteus.host_id)
+    worst = {item.name: item.frame_worst_bits for item in load.items}
+    return polled_latencies(drives, worst["command"], worst["answer"], load.bitrate / load.rate_hz)
+
+
 def _largest(found: dict[int, float | None]) -> float | None:
     """The largest latency of one kind; None when there is none, or no bound."""
     values = [value for value in found.values() if value is not None]
@@ -149,8 +165,7 @@ def _show(found: dict[str, Any], console: Console) -> None:
     period = 1e6 / found["rate_hz"]
     for bus in found["buses"]:
         console.print(_table(bus, period))
-        if found["profile"] == "cia402":
-            console.print(_in_time(bus, period), style="dim")
+        console.print(_in_time(bus, period), style="dim")
         console.print()
     console.print(
         f"{found['robot']} at {found['rate_hz']:g} Hz and {found['bitrate']} bit/s: "
@@ -162,9 +177,15 @@ def _show(found: dict[str, Any], console: Console) -> None:
 def _in_time(bus: dict[str, Any], period: float) -> str:
     """What the latencies mean for the cycle."""
     latency = {frame["role"]: frame["latency_us"] for frame in bus["frames"]}
-    answers, commands = latency["answer"], latency["command"]
+    answers = latency["answer"]
+    commands = latency.get("command", 0.0)  # without SYNC they go out at the next tick
     if answers is None or commands is None:
         return "no bound: the bus is full"
+    if "command" not in latency:
+        return (
+            f"answers come {answers:.0f} µs after the tick at the latest; commands go out at the "
+            f"next tick; that leaves {period - answers:.0f} µs to compute"
+        )
     left = period - answers - commands
     meaning = (
         f"that leaves {left:.0f} µs to compute"
@@ -203,7 +224,7 @@ def _table(bus: dict[str, Any], period: float) -> Table:
             f"{frame['nominal_bits']:.1f}",
             f"{frame['worst_bits']:.1f}",
             _us(frame["latency_us"]) if frame["latencies_us"] else "",
-            _us(frame["latency_emcy_us"]) if frame["identifiers"] else "",
+            _us(frame["latency_emcy_us"]) if frame["latencies_emcy_us"] else "",
         )
     table.add_section()
     table.add_row("all", "", "", f"{bus['nominal_bits']:.1f}", f"{bus['worst_bits']:.1f}")
@@ -213,7 +234,7 @@ def _table(bus: dict[str, Any], period: float) -> Table:
 def _identifiers(found: list[int]) -> str:
     if not found:
         return ""
-    first, last = f"0x{min(found):03X}", f"0x{max(found):03X}"
+    first, last = f"0x{min(found):03X}", f"0x{max(found):03X}"  # with 29 bits from 800h on
     return first if first == last else f"{first}–{last}"
 
 

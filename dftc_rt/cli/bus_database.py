@@ -72,8 +72,7 @@ def bus_messages(
         scales: Their scales.
         rate_hz: Cycles per second.
     """
-    period_ms = 1000.0 / rate_hz
-    cycle_ms = round(period_ms) if period_ms.is_integer() else None
+    period_ms = cycle_ms(rate_hz)
     messages = [
         Message(
             "NMT", od.NMT, 2, CONTROLLER,
@@ -82,7 +81,7 @@ def bus_messages(
         ),
         Message(
             "SYNC", od.SYNC, 1, CONTROLLER, (Signal("counter", 0, 8),),
-            "Every cycle; drives latch, act on the last command, and answer", cycle_ms,
+            "Every cycle; drives latch, act on the last command, and answer", period_ms,
         ),
         Message(
             "Controller_heartbeat", od.HEARTBEAT + od.MASTER_NODE_ID, 1, CONTROLLER,
@@ -93,8 +92,14 @@ def bus_messages(
     names = message_names(joints)
     for k, joint in enumerate(joints):
         linear = prismatic[k]
-        messages += _drive(names[k], joint, scales.values[:, k].tolist(), linear, cycle_ms)
+        messages += _drive(names[k], joint, scales.values[:, k].tolist(), linear, period_ms)
     return messages
+
+
+def cycle_ms(rate_hz: float) -> int | None:
+    """Return the period in ms; None where that is no whole number."""
+    period_ms = 1000.0 / rate_hz
+    return round(period_ms) if period_ms.is_integer() else None
 
 
 def message_names(joints: Sequence[JointConfig]) -> list[str]:
@@ -109,7 +114,7 @@ def message_names(joints: Sequence[JointConfig]) -> list[str]:
 
 
 def _drive(
-    name: str, joint: JointConfig, scale: list[float], linear: bool, cycle_ms: int | None
+    name: str, joint: JointConfig, scale: list[float], linear: bool, period_ms: int | None
 ) -> list[Message]:
     """Frames from and to one drive."""
     length, force = ("m", "N") if linear else ("rad", "Nm")
@@ -118,7 +123,7 @@ def _drive(
     position = Signal("position", 0, 32, True, per_count, 0.0 - scale[ZERO_OFFSET], length)
     velocity = Signal("velocity", 32, 32, True, per_count, unit=f"{length}/s")
     status = tuple(Signal(bit, place, 1) for place, bit in enumerate(_STATUS_BITS))
-    slow = None if cycle_ms is None else cycle_ms * od.TORQUE_ACTUAL_EVERY
+    slow = None if period_ms is None else period_ms * od.TORQUE_ACTUAL_EVERY
     return [
         Message(
             f"{name}_EMCY", od.EMCY + node, 8, name,
@@ -128,14 +133,14 @@ def _drive(
         ),
         Message(
             f"{name}_TPDO1", od.TPDO[0] + node, 8, name, (position, velocity),
-            f"Position 6064h and velocity 606Ch of {about}, answer to every SYNC", cycle_ms,
+            f"Position 6064h and velocity 606Ch of {about}, answer to every SYNC", period_ms,
         ),
         Message(
             f"{name}_RPDO1", od.RPDO[0] + node, 4, CONTROLLER,
             (Signal("controlword", 0, 16, choices=_CONTROLWORDS),
              Signal("target_torque", 16, 16, True, torque, unit=force)),
             f"Controlword 6040h and target torque 6071h for {about}, in force from the next SYNC",
-            cycle_ms,
+            period_ms,
         ),
         Message(
             f"{name}_TPDO2", od.TPDO[1] + node, 3, name,

@@ -12,11 +12,15 @@ from cyclopts import Parameter
 
 from dftc_rt.bus.dbc import dbc_text, require_cantools
 from dftc_rt.cli import session
-from dftc_rt.cli.bus_database import bus_messages
+from dftc_rt.cli.bus_database import bus_messages, cycle_ms
+from dftc_rt.cli.bus_database_mit import mit_messages
+from dftc_rt.cli.bus_database_moteus import moteus_messages
 from dftc_rt.cli.output import check_output
 from dftc_rt.cli.session import Session
+from dftc_rt.drives.mit.scale import scales_of as mit_scales_of
+from dftc_rt.drives.moteus.scale import scales_of as moteus_scales_of
 from dftc_rt.drives.scale import ScaleTable
-from dftc_rt.drives.wiring import bus_members, bus_names
+from dftc_rt.drives.wiring import bus_members, bus_names, robot_drives
 from dftc_rt.errors import InputError
 
 
@@ -52,9 +56,6 @@ def dbc(
     """
     require_cantools()
     opened = session.open_session(scenario, set_)
-    if opened.scenario.bus.profile != "cia402":
-        found = f"'{opened.scenario.bus.profile}'"
-        raise InputError("bus.profile", found, "'cia402'; a DBC is of that alone")
     names = bus_names(opened.robot.joint_config)
     paths = {name: _path(Path(output), name, len(names)) for name in names}
     for path in paths.values():
@@ -76,12 +77,20 @@ def _path(output: Path, bus: str, buses: int) -> Path:
 
 def _text(opened: Session, bus: str) -> str:
     """Return the DBC of one bus."""
-    robot = opened.robot
+    robot = opened.parts.robot
     members = bus_members(robot.joint_config, bus)
-    messages = bus_messages(
-        [robot.joint_config[i] for i in members],
-        robot.prismatic[members].tolist(),
-        ScaleTable(opened.parts.scales.values[:, members]),
-        opened.scenario.executor.rate_hz,
-    )
+    joints = [robot.joint_config[i] for i in members]
+    prismatic = robot.prismatic[members].tolist()
+    drives = robot_drives(robot, opened.scenario.bus)
+    there = [drives[i] for i in members]
+    rate_hz = opened.scenario.executor.rate_hz
+    match opened.scenario.bus.profile:
+        case "mit":
+            messages = mit_messages(joints, prismatic, mit_scales_of(there), cycle_ms(rate_hz))
+        case "moteus":
+            scales = moteus_scales_of(there)
+            messages = moteus_messages(joints, prismatic, scales, cycle_ms(rate_hz))
+        case "cia402":
+            table = ScaleTable(opened.parts.scales.values[:, members])
+            messages = bus_messages(joints, prismatic, table, rate_hz)
     return dbc_text(messages, f"{opened.scenario.name} {bus}")

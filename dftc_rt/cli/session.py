@@ -18,13 +18,14 @@ from rich.console import Console
 
 from dftc_rt.analysis import metrics, summary
 from dftc_rt.bus.frame_record import record_data_bytes
+from dftc_rt.cli.bus_robot import scenario_robot
 from dftc_rt.config.load import load_scenario
 from dftc_rt.config.scenario import Scenario
 from dftc_rt.control import signals
 from dftc_rt.controller import Parts, prepare
 from dftc_rt.drives.wiring import bus_names, frame_size
 from dftc_rt.dynamics.frames import LinkFrames
-from dftc_rt.dynamics.robot import Robot, load_robot
+from dftc_rt.dynamics.model import Robot
 from dftc_rt.log.ending import ending_text
 from dftc_rt.log.recorder import Recorder
 from dftc_rt.log.run import Run
@@ -111,15 +112,7 @@ def open_session(
         replace = msgspec.structs.replace
         control = replace(loaded.scenario.control, identification=None)
         loaded = dataclasses.replace(loaded, scenario=replace(loaded.scenario, control=control))
-    table = loaded.scenario.robot
-    robot = load_robot(
-        name=table.name,
-        urdf=table.urdf,
-        plant=table.plant,
-        lock=table.lock,
-        home_rad=table.home_rad,
-        joints_per_bus=table.joints_per_bus,
-    )
+    robot = scenario_robot(loaded.scenario)
     check_rig(loaded.scenario, robot)
     parts = prepare(loaded.scenario, robot)
     return Session(

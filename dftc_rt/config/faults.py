@@ -210,7 +210,12 @@ class BabbleFault(OnBus, frozen=True, tag="babble", kw_only=True):
 
 
 class BusOffFault(OnBus, frozen=True, tag="bus_off", kw_only=True):
-    """The controller's CAN node is off the bus: what it sends and should hear is lost."""
+    """A CAN node is off the bus: what it sends and should hear is lost.
+
+    That of the drive of ``joint``, by default the controller's.
+    """
+
+    joint: str | None = None
 
 
 BusFault = (

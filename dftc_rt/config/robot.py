@@ -179,7 +179,7 @@ def default_joints(
     Args:
         names: Joint names, in the model's order.
         torque_limits: (n,) Nm.
-        joints_per_bus: At 1 kHz and 1 Mbit/s, CiA 402 fits 3.
+        joints_per_bus: Most joints of a bus; CiA 402 at 1 kHz and 1 Mbit/s fits 3.
         velocity_limits: (n,) rad/s; None: unlimited.
     """
     n = len(names)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dftc_rt.bus.frame import FD_FRAME_SIZE, FRAME_SIZE
 from dftc_rt.config.robot import JointConfig
 from dftc_rt.config.scenario import BusTable
+from dftc_rt.drives.data_sheet import data_sheets
 from dftc_rt.drives.interface import DriveConfig, profile
 from dftc_rt.drives.mit.scale import mit_scales
 from dftc_rt.drives.moteus.scale import moteus_scales
@@ -74,19 +75,7 @@ def joint_scales(
     Raises:
         InputError: A value is out of what the drive can express.
     """
-    return [
-        JointScale(
-            joint=j.name,
-            counts_per_rev=j.counts_per_rev,
-            rated_torque_nm=j.rated_torque_nm,
-            max_torque_nm=j.torque_limit_nm,
-            gear=j.gear,
-            sign=j.sign,
-            zero_offset_rad=j.zero_offset_rad,
-            torque_constant=constant,
-        )
-        for j, constant in zip(joints, torque_constant or [1.0] * len(joints), strict=True)
-    ]
+    return [JointScale(**sheet) for sheet in data_sheets(joints, torque_constant)]
 
 
 def drive_configs(

@@ -42,6 +42,7 @@ def load_robot(
     gravity_m_s2: Sequence[float] | None = None,
     plant: str | None = None,
     joints_per_bus: int | None = None,
+    unstated_joints_per_bus: int = 3,
 ) -> Robot:
     """Load a robot by name, from a bare URDF, or with the equations of a closed form.
 
@@ -58,6 +59,8 @@ def load_robot(
             are the closed form.
         joints_per_bus: Wire the drives to can0, can1, … anew, so many on a bus at most; None:
             as ``robot.toml`` has it.
+        unstated_joints_per_bus: The same, where nothing says how the drives are wired: of a
+            bare URDF.
 
     Raises:
         InputError: Whatever about the robot is wrong or not supported.
@@ -95,7 +98,7 @@ def load_robot(
         start = _vector(home_rad, joints, "robot.home_rad")
         limits.check(start, "robot.home_rad")
     gravity = config.gravity_m_s2 if gravity_m_s2 is None else gravity_m_s2
-    drives = _drives(config, all_limits, by_file, limits, where)
+    drives = _drives(config, all_limits, by_file, limits, unstated_joints_per_bus, where)
     if joints_per_bus is not None:
         drives = on_new_buses(drives, joints_per_bus)
     if form is not None:
@@ -173,12 +176,13 @@ def _drives(
     all_limits: JointLimits,
     held: dict[str, float],
     limits: JointLimits,
+    joints_per_bus: int,
     where: str,
 ) -> tuple[JointConfig, ...]:
     """Drive of each free joint: as in ``robot.toml``, or the defaults of a bare URDF."""
     torque, velocity = limits.torque.tolist(), limits.velocity.tolist()
     if not config.joint:
-        return default_joints(limits.joints, torque, velocity_limits=velocity)
+        return default_joints(limits.joints, torque, joints_per_bus, velocity)
     expected = [name for name in all_limits.joints if name not in held]
     found = [entry.name for entry in config.joint]
     if found != expected:

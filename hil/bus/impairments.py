@@ -24,6 +24,7 @@ from dftc_rt.bus.fields import can_id
 from dftc_rt.bus.frame import FD_FRAME_SIZE, FDF, FRAME_SIZE, Frames, frame_buffer, pack
 from dftc_rt.config import faults as kinds
 from dftc_rt.config.faults import BusFault, Fault
+from dftc_rt.config.robot import JointConfig
 from dftc_rt.errors import InputError
 from hil.bus.confinement import ErrorCounters
 
@@ -90,6 +91,24 @@ def of_bus(faults: Sequence[Fault], bus: str, buses: Sequence[str]) -> list[BusF
     return found
 
 
+def check_nodes(faults: Sequence[Fault], joints: Sequence[JointConfig]) -> None:
+    """Check that drives which faults take off their bus are there.
+
+    Args:
+        faults: All faults of the scenario.
+        joints: The robot's.
+
+    Raises:
+        InputError: A fault names a joint that has no drive on its bus.
+    """
+    for k, fault in enumerate(faults):
+        if isinstance(fault, kinds.BusOffFault) and fault.joint is not None:
+            there = [joint.name for joint in joints if joint.bus == fault.bus]
+            if fault.joint not in there:
+                found = f"no joint '{fault.joint}' on {fault.bus}"
+                raise InputError(f"fault[{k}].joint", found, "one of " + ", ".join(there))
+
+
 class Impairments:
     """The faults of one bus.
 
@@ -108,6 +127,7 @@ class Impairments:
         index: int,
         report: Report,
         frame_size: int = FRAME_SIZE,
+        joints: Sequence[str] = (),
     ) -> None:
         """Prepare the faults of the bus ``name``.
 
@@ -118,12 +138,14 @@ class Impairments:
             index: Of the bus.
             report: Called as (t, severity, source, text) when a node's state changes.
             frame_size: Bytes of a row, 16, or 72 on a bus that carries FD frames.
+            joints: Joint of each drive of the robot; faults of a drive's node name one.
         """
         self.counts = Counts()
         self.counters: dict[int, ErrorCounters] = {CONTROLLER: ErrorCounters()}
         self.notices: list[bytes] = []
         self._name = name
         self._held_off = False  # by a fault, not by its counters
+        self._joints = tuple(joints)
         self._faults = list(faults)
         self._active: list[BusFault] = []
         self._rng = np.random.default_rng([seed, _STREAM, index])
@@ -146,7 +168,7 @@ class Impairments:
             self._report(t, 1, self._name, f"{_title(node)} is back on the bus")
             if node == CONTROLLER:
                 self.notices.append(restart_frame())
-        held_off = any(isinstance(f, kinds.BusOffFault) for f in self._active)
+        held_off = any(isinstance(f, kinds.BusOffFault) and f.joint is None for f in self._active)
         if held_off != self._held_off:
             self._held_off = held_off
             self.notices.append(state_frame("bus-off") if held_off else restart_frame())
@@ -156,7 +178,16 @@ class Impairments:
         """Whether a node is off the bus: it neither sends nor hears."""
         if node in self._back:
             return True
-        return node <= CONTROLLER and self._held_off
+        return any(
+            isinstance(fault, kinds.BusOffFault) and self._is_of(fault, node)
+            for fault in self._active
+        )
+
+    def _is_of(self, fault: kinds.BusOffFault, node: int) -> bool:
+        """Whether a fault takes this node off the bus."""
+        if fault.joint is None:
+            return node <= CONTROLLER
+        return 0 <= node < len(self._joints) and self._joints[node] == fault.joint
 
     def waiting(self, drives: bool) -> bool:
         """Whether late frames of drives, or of the other nodes, are due by now."""

@@ -64,7 +64,9 @@ class PacedBus(VirtualBus):
         super().__init__(name, timing="account", bitrate=bitrate, data_bitrate=data_bitrate)
         self.moment = clock()
         self._clock = clock
-        self._wire = Wire(self._totals, self._latency, bitrate, data_bitrate, self.frame_size)
+        self._wire = Wire(
+            self._totals, self._latency, self._extended, bitrate, data_bitrate, self.frame_size
+        )
         self._one = frame_buffer(1, self.frame_size)  # the frame that has come through
         self._fate = Fate.THROUGH
         self._faults: PacedImpairments | None = None
@@ -99,6 +101,7 @@ class PacedBus(VirtualBus):
             return
         self._faults.advance(t)
         self._faults.tie(self._clock(), t)
+        self._tell(self._faults)
         for k in self._faults.babblers():
             if k not in self._babbling:
                 self._babble(self._faults, k)

@@ -70,6 +70,11 @@ class BusPort(Protocol):
         """Whether some client has ended its share of the cycle."""
         ...
 
+    @property
+    def barrier_cycle(self) -> int | None:
+        """Cycle of the barrier that ``pop_barrier`` would return; None: no barrier waits."""
+        ...
+
     def pop_barrier(self) -> int | None:
         """Return the cycle of the barrier that waits, and let its client go on; or None."""
         ...

@@ -19,7 +19,7 @@ class BusStatistics:
         nominal_data_bits: Bits at that rate, which the counts above leave out.
         exact_data_bits: The same with their own stuffing.
         worst_data_bits: The same with the most stuffing.
-        latency_us: Longest time from readiness until a frame was through, µs, by 11-bit
+        latency_us: Longest time from readiness until a frame was through, µs, by
             identifier: the frames that were handed over with it and won against it, and its own;
             with timing ``pace`` all that it waited for.
         dropped: Frames lost to clients that did not read them in time, clients that

@@ -30,6 +30,7 @@ _EXACT: Final = 2
 _WORST: Final = 3
 _FAST: Final = 3  # from a column to its bits at the data bit rate
 _UNBOUNDED: Final = 1 << 30
+_EXTENDED: Final = 256  # 29-bit identifiers whose latency is kept
 
 
 def unpaced(timing: str) -> Timing:
@@ -97,6 +98,7 @@ class VirtualBus:
         self._barrier_sender = BarrierSender()
         self._totals = np.zeros(7, dtype=np.int64)
         self._latency = np.zeros(2048)
+        self._extended = np.zeros((2, _EXTENDED))
         self._departed = 0
         self._dropped = 0
         self._malformed = 0
@@ -186,6 +188,14 @@ class VirtualBus:
                 return True
         return False
 
+    @property
+    def barrier_cycle(self) -> int | None:
+        """Cycle of the barrier that ``pop_barrier`` would return; None: no barrier waits."""
+        for client in self._clients:
+            if client.barrier is not None:
+                return client.barrier
+        return None
+
     def pop_barrier(self) -> int | None:
         """Return the cycle of the barrier that waits, and let its client go on; or None."""
         for client in self._clients:
@@ -231,6 +241,11 @@ class VirtualBus:
             latency_us={
                 f"0x{number:03x}": round(1e6 * float(self._latency[number]), 1)
                 for number in np.flatnonzero(self._latency)
+            }
+            | {
+                f"0x{int(number):08x}": round(1e6 * float(longest), 1)
+                for number, longest in self._extended.T
+                if longest
             },
             dropped=self._dropped + sum(client.dropped for client in self._clients),
             malformed=self._malformed + sum(client.malformed for client in self._clients),
@@ -338,7 +353,7 @@ class VirtualBus:
             notices[row, :FRAME_SIZE] = np.frombuffer(raw, dtype=np.uint8)
         impairments.notices.clear()
         for client in tuple(self._clients):
-            self._deliver(client, notices, len(notices))
+            self._hand(client, notices, len(notices))  # filters say nothing about error frames
 
     def _waste(self, before: tuple[int, int], after: tuple[int, int]) -> None:
         """Charge transmissions that nobody took."""
@@ -350,6 +365,9 @@ class VirtualBus:
     def _deliver(self, client: Client, frames: Frames, count: int) -> None:
         if client.filters is not None:
             frames, count = client.chosen(frames, count, client.filters)
+        self._hand(client, frames, count)
+
+    def _hand(self, client: Client, frames: Frames, count: int) -> None:
         try:
             client.dropped += count - client.socket.send(frames, count)
         except BusError as error:
@@ -367,7 +385,7 @@ class VirtualBus:
     def _charge(self, frames: Frames, count: int) -> None:
         if self._account and self._data_bitrate is not None:
             bit_s, data_bit_s = 1.0 / self._bitrate, 1.0 / self._data_bitrate
-            charge_fd(frames, count, self._totals, bit_s, data_bit_s, self._latency)
+            charge_fd(frames, count, self._totals, bit_s, data_bit_s, self._latency, self._extended)
         elif self._account:
             charge(frames, count, self._totals, 1.0 / self._bitrate, self._latency)
         else:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dftc_rt.bus.bits import charge, exact_bits
-from dftc_rt.bus.fd_bits import charge_fd, exact_fd_bits
+from dftc_rt.bus.fd_bits import charge_fd, exact_fd_bits, raise_extended
 from dftc_rt.bus.fields import can_id
 from dftc_rt.bus.frame import FD_FRAME_SIZE, FDF, FRAME_SIZE, Frames, frame_buffer
 from hil.bus.arbitration import arbitration_key
@@ -137,7 +137,7 @@ def _leave(rows: Frames, about: I64, state: I64) -> None:
 
 @numba.njit(
     "void(uint8[:, ::1], uint8[:, ::1], int64[:, ::1], int64[::1], int64,"
-    " int64[::1], float64, float64, float64[::1])",
+    " int64[::1], float64, float64, float64[::1], float64[:, ::1])",
     cache=True,
 )
 def _through(
@@ -150,17 +150,21 @@ def _through(
     bit_s: float,
     data_bit_s: float,
     latency: F64,
+    extended: F64,
 ) -> None:
     """Write the frame on the wire to row 0 of ``out``, and count it."""
     row = state[_ROW]
     out[0] = rows[row]
     if out.shape[1] == FD_FRAME_SIZE:
-        charge_fd(out, 1, totals, bit_s, data_bit_s, latency)
+        charge_fd(out, 1, totals, bit_s, data_bit_s, latency, extended)
     else:
         charge(out, 1, totals, bit_s, latency)
-    if not out[0, 3] & 0x80:
+    waited = 1e-9 * (state[_END] - about[_READY, row])
+    if out[0, 3] & 0x80:
+        raise_extended(extended, can_id(out, 0) & 0x1FFFFFFF, waited)
+    else:
         number = can_id(out, 0) & 0x7FF
-        latency[number] = max(latency[number], 1e-9 * (state[_END] - about[_READY, row]))
+        latency[number] = max(latency[number], waited)
     late = now - state[_END]
     state[_THROUGH] += 1
     state[_LATE_SUM] += late
@@ -169,7 +173,7 @@ def _through(
 
 @numba.njit(
     "int64(uint8[:, ::1], uint8[:, ::1], int64[:, ::1], int64[::1], int64,"
-    " int64[::1], float64, float64, float64[::1])",
+    " int64[::1], float64, float64, float64[::1], float64[:, ::1])",
     cache=True,
 )
 def _next_through(
@@ -182,6 +186,7 @@ def _next_through(
     bit_s: float,
     data_bit_s: float,
     latency: F64,
+    extended: F64,
 ) -> int:
     """Let time pass up to the end of a frame, which is taken off; return its sender, or NEVER."""
     happens = BEGUN
@@ -190,7 +195,7 @@ def _next_through(
     if happens == NOTHING:
         return _NEVER
     sender = int(about[_SENDER, state[_ROW]])
-    _through(out, rows, about, state, now, totals, bit_s, data_bit_s, latency)
+    _through(out, rows, about, state, now, totals, bit_s, data_bit_s, latency, extended)
     _leave(rows, about, state)
     return sender
 
@@ -207,6 +212,7 @@ class Wire:
         self,
         totals: I64,
         latency: F64,
+        extended: F64,
         bitrate: int,
         data_bitrate: int | None = None,
         frame_size: int = FRAME_SIZE,
@@ -216,11 +222,12 @@ class Wire:
         Args:
             totals: Frames and bits of what has come through, as ``charge`` counts them.
             latency: Longest time from readiness to the end, s, by 11-bit identifier.
+            extended: The same of 29-bit identifiers, as in :func:`dftc_rt.bus.fd_bits.charge_fd`.
             bitrate: Bits per second.
             data_bitrate: Of the data part of FD frames; None: a classical bus.
             frame_size: Bytes of a row, 16 or 72.
         """
-        self._totals, self._latency = totals, latency
+        self._totals, self._latency, self._extended = totals, latency, extended
         self._bit_s, self._data_bit_s = 1.0 / bitrate, 1.0 / (data_bitrate or bitrate)
         self._rows = frame_buffer(64, frame_size)
         self._about = np.zeros((_COLUMNS, 64), dtype=np.int64)
@@ -285,7 +292,7 @@ class Wire:
         """
         sender: int = _next_through(
             out, self._rows, self._about, self._state, now,
-            self._totals, self._bit_s, self._data_bit_s, self._latency,
+            self._totals, self._bit_s, self._data_bit_s, self._latency, self._extended,
         )  # fmt: skip
         return sender
 
@@ -320,7 +327,7 @@ class Wire:
         """Write the frame on the wire to row 0 of ``out``, and count it."""
         _through(
             out, self._rows, self._about, self._state, now,
-            self._totals, self._bit_s, self._data_bit_s, self._latency,
+            self._totals, self._bit_s, self._data_bit_s, self._latency, self._extended,
         )  # fmt: skip
 
     def leave(self) -> int:

@@ -25,9 +25,7 @@ class EmulatedDrives(Protocol):
         synced: Whether the last :meth:`receive` took what starts a cycle: SYNC, or where
             there is none a torque command. Its answers are of the state at the step's end.
         switched: Whether it took what puts a drive into another mode where there is no SYNC.
-            Before the first cycle that is answered at once; later it starts a cycle, too.
-        repeated: Whether that came again before its answer: outside of a cycle, and in
-            lock-step not to be kept waiting for the end of one.
+            Outside of cycles that is answered at once; in them it starts one, too.
     """
 
     objects: I64
@@ -36,7 +34,6 @@ class EmulatedDrives(Protocol):
     senders: NDArray[np.int32]
     synced: bool
     switched: bool
-    repeated: bool
 
     def tick(self, t: float) -> None:
         """Let rig time move on to ``t``, s: timers and watchdogs."""

@@ -214,7 +214,7 @@ class NodeManagement:
     def switch_off(self, drive: int) -> None:
         """Take a drive's supply away: its state is lost, its brake closes, it leaves the bus."""
         self._boot(drive, od.NMT_RESET_NODE)
-        self.objects[drive, slots.OFF_BUS] = 1
+        self.objects[drive, slots.OFF_BUS] |= slots.DISCONNECTED
 
     def switch_on(self, drive: int) -> None:
         """Let a drive power on: its boot-up message follows."""

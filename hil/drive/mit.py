@@ -37,7 +37,6 @@ class MitDrives:
             Torques are in half steps of ``MitScale``.
         synced: Whether the last :meth:`receive` took a command.
         switched: Whether it took a special frame.
-        repeated: Whether that was for a drive that still had a frame to answer.
         command: View of ``objects``: torque to follow, (n,), half steps.
         operation_enabled: View: 1 in motor mode, (n,).
         commands: View: commands taken so far, (n,).
@@ -76,7 +75,7 @@ class MitDrives:
         self.operation_enabled = self.objects[:, slots.ENABLED]
         self.commands = self.objects[:, slots.COMMANDS]
         self.senders = np.zeros(_CAPACITY, dtype=np.int32)
-        self.synced = self.switched = self.repeated = False
+        self.synced = self.switched = False
         self._now = 0
         nothing = frame_buffer(1)
         self.tick(0.0)  # compile now
@@ -108,7 +107,6 @@ class MitDrives:
         )  # fmt: skip
         self.synced = bool(what & service.SYNCED)
         self.switched = bool(what & service.SWITCHED)
-        self.repeated = bool(what & service.REPEATED)
         return count
 
     def answer(self, bus: int, out: Frames) -> int:

@@ -37,7 +37,6 @@ OWN: Final = 5
 
 SYNCED: Final = 1  # receive: a command was taken
 SWITCHED: Final = 2  # receive: a special frame was taken
-REPEATED: Final = 4  # receive: one was, for a drive that has not answered the last frame yet
 
 _TEMPERATURE: Final = 30  # °C, of a motor that never gets warm
 _MAX_FRAME: Final = 0x7FF
@@ -131,7 +130,7 @@ def receive(
         now: Rig time, µs.
 
     Returns:
-        Sum of those that hold of SYNCED, SWITCHED and REPEATED.
+        Sum of those that hold of SYNCED and SWITCHED.
     """
     heads = frames.view(np.int64)
     codes = np.empty(5, dtype=np.int64)
@@ -142,7 +141,7 @@ def receive(
         if can_id > _MAX_FRAME or (head >> 32) & 0xFF != codec.COMMAND_BYTES:
             continue
         d = lookup[can_id]
-        if d < 0:
+        if d < 0 or objects[d, slots.OFF_BUS]:
             continue
         row = objects[d]
         row[slots.RPDO_TIME] = now
@@ -155,7 +154,7 @@ def receive(
                 codec.decode_command(frames, r, codes)
                 _follow(codes, d, objects, own, wire, radians)
             continue
-        what |= SWITCHED if own[d, PENDING] == 1 else SWITCHED | REPEATED
+        what |= SWITCHED
         if asked == codec.ZERO_HERE:
             own[d, ORIGIN] = row[slots.POSITION]
         elif asked == codec.LEAVE:
@@ -204,6 +203,8 @@ def answer(
     rows = 0
     for k in range(members.shape[0]):
         d = members[k]
+        if objects[d, slots.OFF_BUS]:
+            own[d, PENDING] = 0
         while own[d, PENDING] > 0 and rows < out.shape[0]:
             own[d, PENDING] -= 1
             senders[rows] = d

@@ -40,7 +40,6 @@ class MoteusDrives:
         mode: Modes, (n,), as register 0x000 has them.
         synced: Whether the last :meth:`receive` took a torque command or a question.
         switched: Whether it took what stops a drive.
-        repeated: Whether that was for a drive that still had a frame to answer.
         command: View of ``objects``: torque to follow, (n,), 0.01 Nm.
         operation_enabled: View: 1 in position mode, (n,).
         commands: View: torque commands taken so far, (n,).
@@ -81,7 +80,7 @@ class MoteusDrives:
         self.operation_enabled = self.objects[:, slots.ENABLED]
         self.commands = self.objects[:, slots.COMMANDS]
         self.senders = np.zeros(_CAPACITY, dtype=np.int32)
-        self.synced = self.switched = self.repeated = False
+        self.synced = self.switched = False
         self._now = 0
         nothing = frame_buffer(1, FD_FRAME_SIZE)
         self.tick(0.0)  # compile now
@@ -113,7 +112,6 @@ class MoteusDrives:
         )  # fmt: skip
         self.synced = bool(what & service.SYNCED)
         self.switched = bool(what & service.SWITCHED)
-        self.repeated = bool(what & service.REPEATED)
         return count
 
     def answer(self, bus: int, out: Frames) -> int:

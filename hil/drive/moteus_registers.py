@@ -30,8 +30,7 @@ F64 = NDArray[np.float64]
 NODE: Final = 0  # node id
 MODE: Final = 1  # register 0x000
 DEFAULT_TIMEOUT: Final = 2  # watchdog of commands that bring none, µs; 0: none
-PENDING: Final = 3  # frames that are to be answered
-OWN: Final = 4
+OWN: Final = 3
 
 NO_COMMAND: Final = -1  # what a frame that writes no mode writes
 REFUSED: Final = -2  # what one does that writes a mode that these drives do not have

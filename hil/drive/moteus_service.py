@@ -26,7 +26,7 @@ from dftc_rt.drives.moteus import subframes as sub
 from dftc_rt.drives.moteus.scale import TORQUE_STEP
 from hil.drive import moteus_registers as own_registers
 from hil.drive import slots
-from hil.drive.moteus_registers import DEFAULT_TIMEOUT, MODE, NODE, PENDING
+from hil.drive.moteus_registers import DEFAULT_TIMEOUT, MODE, NODE
 
 U8 = NDArray[np.uint8]
 I32 = NDArray[np.int32]
@@ -35,7 +35,6 @@ F64 = NDArray[np.float64]
 
 SYNCED: Final = 1  # receive: a torque command, or a question alone, was taken
 SWITCHED: Final = 2  # receive: a stop was taken
-REPEATED: Final = 4  # receive: one was, for a drive that has not answered the last frame yet
 
 KP: Final = 4.0  # Nm/rev, as delivered
 KD: Final = 0.05  # Nm s/rev
@@ -126,7 +125,7 @@ def receive(
         now: Rig time, µs.
 
     Returns:
-        Sum of those that hold of SYNCED, SWITCHED and REPEATED.
+        Sum of those that hold of SYNCED and SWITCHED.
     """
     heads = frames.view(np.int64)
     what = 0
@@ -136,12 +135,12 @@ def receive(
         if head & _NOT_DATA != 0 or number > 0xFFFF or number & 0x80 != 0:
             continue
         d = lookup[number & 0x7F]
-        if d < 0:
+        if d < 0 or objects[d, slots.OFF_BUS]:
             continue
         end = min((head >> 32) & 0xFF, sub.LONGEST)
         mode, reads = own_registers.write(frames[r, 8:], end, registers[d])
         if mode == reg.STOPPED:
-            what |= SWITCHED if own[d, PENDING] == 0 else SWITCHED | REPEATED
+            what |= SWITCHED
             _stop(d, objects, own)
         elif mode == reg.IN_POSITION:
             what |= SYNCED
@@ -152,7 +151,6 @@ def receive(
             asked[askers[0]] = frames[r]
             askers[0] += 1
             askers[askers[0]] = d
-            own[d, PENDING] += 1
     return what
 
 
@@ -197,21 +195,21 @@ def answer(
         askers: Element 0: how many of them; 1 and on: which drive is asked.
     """
     questions, answers = asked.view(np.int64), out.view(np.int64)
-    rows = min(askers[0], out.shape[0])
-    for r in range(askers[0]):
+    rows = 0
+    for r in range(min(askers[0], out.shape[0])):
         d = askers[1 + r]
-        own[d, PENDING] -= 1
-        if r >= rows:
+        if objects[d, slots.OFF_BUS]:
             continue
         head = questions[r, 0]
         end = min((head >> 32) & 0xFF, sub.LONGEST)
-        out[r, 8:] = sub.NOP
+        out[rows, 8:] = sub.NOP
         length = own_registers.respond(
-            asked[r, 8:], end, out[r, 8:], d, objects, own, registers, turns
+            asked[r, 8:], end, out[rows, 8:], d, objects, own, registers, turns
         )
         source = (head >> 8) & 0x7F
         identifier = own[d, NODE] << 8 | source
-        answers[r, 0] = codec.head_of(identifier, sub.fd_length(length))
-        senders[r] = d
+        answers[rows, 0] = codec.head_of(identifier, sub.fd_length(length))
+        senders[rows] = d
+        rows += 1
     askers[0] = 0
-    return int(rows)
+    return rows

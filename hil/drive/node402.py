@@ -41,7 +41,7 @@ class Cia402Drives:
             :mod:`hil.drive.slots`; the plant writes POSITION, VELOCITY, TORQUE_ACTUAL.
         pdo: PDO parameters, (n, 8, N_PDO), int64.
         synced: Whether the last :meth:`receive` ended at a SYNC.
-        switched, repeated: False: a controlword waits for SYNC too.
+        switched: False: a controlword waits for SYNC too.
         command: View of ``objects``: torque to follow, (n,), per mille of rated.
         operation_enabled: View: 1 while operation is enabled, (n,).
         state: View: CiA 402 state, (n,).
@@ -67,7 +67,7 @@ class Cia402Drives:
         self.operation_enabled = self.objects[:, slots.ENABLED]
         self.state = self.objects[:, slots.STATE]
         self.commands = self.objects[:, slots.COMMANDS]
-        self.synced = self.switched = self.repeated = False
+        self.synced = self.switched = False
         self._late = LateAnswers(len(specs))
         self._sync = [-1] * buses  # counter of a SYNC that is to be answered
         self.senders = np.zeros(_CAPACITY, dtype=np.int32)
@@ -188,7 +188,8 @@ class Cia402Drives:
 
     def disconnect(self, drive: int, off_bus: bool) -> None:
         """Take a drive's node off its bus, or put it back; nothing that it missed comes again."""
-        self.objects[drive, slots.OFF_BUS] = int(off_bus)
+        others = self.objects[drive, slots.OFF_BUS] & ~slots.DISCONNECTED
+        self.objects[drive, slots.OFF_BUS] = others | (slots.DISCONNECTED if off_bus else 0)
 
     def delay(self, drive: int, delay_s: float) -> None:
         """Let what a drive sends come ``delay_s`` later; 0: at once again, behind what waits."""

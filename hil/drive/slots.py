@@ -45,8 +45,12 @@ WATCHDOG: Final = 23  # longest time between RPDOs while enabled, µs; 0: off
 TIMED_OUT: Final = 24  # 1: the watchdog fired and has not been dealt with
 STANDSTILL: Final = 25  # speed that counts as standing, counts/s
 DUMMY: Final = 26  # where RPDO gaps (objects 0002h to 0007h) go
-OFF_BUS: Final = 27  # 1: the node neither sends nor hears
+OFF_BUS: Final = 27  # why the node neither sends nor hears, bits as below; 0: it does both
 N_OBJECTS: Final = 28
+
+# --- bits of OFF_BUS
+DISCONNECTED: Final = 1  # by itself, or without a supply
+BUS_OFF: Final = 2  # fault confinement has taken it off
 
 # --- pdo: columns of one PDO
 VALID: Final = 0

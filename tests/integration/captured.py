@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dftc_rt.bus.barrier import OUTSIDE
 from dftc_rt.bus.frame import BARRIER_ID, Frames, unpack
 from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.cli.session import Session, open_session
@@ -29,10 +30,12 @@ class Tap:
 
     Attributes:
         frames: Identifier and data of everything, barriers left out.
+        ends: How many they were when the rig ended a cycle.
     """
 
     socket: FrameSocket
     frames: list[Frame] = field(default_factory=list)
+    ends: list[int] = field(default_factory=list)
 
     @property
     def name(self) -> str:
@@ -50,6 +53,9 @@ class Tap:
     def receive(self, frames: Frames) -> int:
         count = self.socket.receive(frames)
         self._keep(frames, count)
+        last = unpack(frames[count - 1]) if count else (0, b"")
+        if last[0] == BARRIER_ID and int.from_bytes(last[1], "little") < OUTSIDE:
+            self.ends.append(len(self.frames))
         return count
 
     def close(self) -> None:
@@ -63,6 +69,10 @@ class Tap:
         """Return the frames from each SYNC to before the next; what precedes is set-up."""
         at = [k for k, (can_id, _) in enumerate(self.frames) if can_id == SYNC]
         return [self.frames[i:j] for i, j in pairwise(at)]
+
+    def exchanges(self) -> list[list[Frame]]:
+        """Return the frames of each cycle but the first: from the rig's barrier to its next."""
+        return [self.frames[i:j] for i, j in pairwise(self.ends)]
 
 
 @dataclass(frozen=True)

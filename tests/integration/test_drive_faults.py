@@ -137,6 +137,15 @@ def test_a_short_silence_is_survived_on_old_values() -> None:
     healthy_motors(ended)
 
 
+def test_a_drive_that_has_booted_is_known_to_be_off() -> None:
+    ended = run("restart", "boot_s=0.2")
+    assert ended.reason == f"{JOINT}: no fresh feedback for 20 cycles"
+    assert "did not say within" not in ended.texts
+    # The boot-up message ends the wait for a drive that does not answer.
+    assert ended.cycle["t"][-1] == pytest.approx(START_S + 0.2, abs=0.005)
+    braked(ended, START_S + 0.001)
+
+
 def test_late_answers_within_the_limit_are_survived() -> None:
     ended = run("late", "end_s=4.0, delay_s=0.005")
     assert (ended.state, ended.missed) == ("done", 5)

@@ -11,20 +11,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dftc_rt.bus.budget import bus_load
 from dftc_rt.cli.main import run
 from dftc_rt.cli.session import open_session
 from dftc_rt.cli.simulate import run_simulation
 from dftc_rt.control import signals
 from dftc_rt.log.reader import read
 from tests.integration.commands import (
-    ATTEMPTS,
     DFTC,
     PATIENT,
     Started,
     dftc,
     repeatable,
-    stalled,
     started,
 )
 from tests.integration.test_hil import leaves_nothing, off_after
@@ -84,6 +81,18 @@ def test_lock_step_gives_the_same_bytes_again_and_over_sockets(tmp_path: Path) -
     assert set(json.loads(done.stdout)["buses"]) == {"can0", "can1"}
     assert repeatable(log) == first
     assert repeatable(simulate(tmp_path / "other.mcap", "--set", "seed=2")) != first
+
+
+def test_one_bus_at_500_hz_gives_the_same_bytes_over_sockets(tmp_path: Path) -> None:
+    one = ("--set", "robot.joints_per_bus=7", "--set", "executor.rate_hz=500")
+    first = repeatable(simulate(tmp_path / "one.mcap", *one))
+    log = tmp_path / "hil.mcap"
+    options = ("--lockstep", "--bus", "unix", "--log", log, "--json", "--no-report")
+    done = dftc("hil", "panda_shoulder_loss", *options, *MOTEUS, *SHORT, *one)
+    assert done.returncode == 0, done.stderr
+    assert set(json.loads(done.stdout)["buses"]) == {"can0"}
+    assert len(first[0]) > 500 * 8
+    assert repeatable(log) == first
 
 
 def test_lost_frames_are_as_repeatable(tmp_path: Path) -> None:
@@ -152,6 +161,7 @@ def test_faults_of_a_bus_act_on_fd_frames() -> None:
         ("bus.moteus.host_id=3", "bus.moteus.host_id: 3 is the node id of panda_joint3"),
         ("bus.moteus.watchdog_s=0.015", "bus.moteus.watchdog_s: 0.015 s"),
         ("bus.moteus.watchdog_s=2", "bus.moteus.watchdog_s"),
+        ("bus.moteus.watchdog_s=0.01 executor.rate_hz=100", "0.01 s at 100 Hz (expected more"),
         ("bus.moteus.kp=2", "bus.moteus"),
         ("bus.data_bitrate=500000", "bus.data_bitrate: 500000"),
         ("executor.rate_hz=1250 robot.joints_per_bus=5", "bus can0: 4 joints"),  # of 4 and 3
@@ -183,33 +193,6 @@ def long(tmp_path: Path) -> Iterator[Started]:
     with started(tmp_path / "run", *hil(tmp_path, 600)) as process:
         process.until_running()
         yield process
-
-
-@pytest.mark.realtime
-def test_three_seconds_in_real_time(tmp_path: Path) -> None:
-    for _ in range(ATTEMPTS):
-        with started(tmp_path / "run", *hil(tmp_path, 3), "--json") as process:
-            code = process.end()
-        if code == 0 or not stalled(tmp_path / "run.mcap"):
-            break
-    assert code == 0, process.err
-    found = json.loads(process.out)
-    assert found["end_state"] == "done"
-    assert set(found["buses"]) == {"can0", "can1"}
-    for name, joints in (("can0", 4), ("can1", 3)):
-        bus = found["buses"][name]
-        assert (bus["bitrate"], bus["data_bitrate"]) == (1_000_000, 5_000_000)
-        # What went over the wire is what the budget allows for: a command and an answer a joint.
-        spent_s = bus["exact_bits"] / 1e6 + bus["exact_data_bits"] / 5e6
-        worst_s = bus_load(name, joints, rate_hz=1000.0, profile="moteus").worst_s
-        set_up = 10 * joints
-        assert abs(bus["frames"] - 2 * joints * found["cycles"]) < set_up + 2 * joints * 10
-        assert 0.7 * worst_s * bus["frames"] < 2 * joints * spent_s
-        assert 2 * joints * spent_s < worst_s * bus["frames"]
-    logged = read(tmp_path / "run.mcap")
-    assert logged.cycle["t"].size == found["cycles"]
-    moving = logged.cycle["state"] == 3.0
-    assert np.abs(logged.cycle["q"][moving] - logged.cycle["qd"][moving]).max() < 0.02
 
 
 @pytest.mark.realtime

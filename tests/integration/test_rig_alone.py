@@ -29,7 +29,7 @@ def run(name: str) -> dict[str, tuple[float, float]]:
 def test_it_imports_nothing_of_ours_and_fits_on_a_page(name: str) -> None:
     text = (EXAMPLES / name).read_text()
     assert not re.search(r"^\s*(import|from) (dftc_rt|hil)", text, re.MULTILINE)
-    assert len(text.splitlines()) <= 80
+    assert len(text.splitlines()) <= (60 if "can.py" in name else 80)
 
 
 def test_python_can_moves_seven_joints_on_three_buses() -> None:

@@ -19,6 +19,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from dftc_rt.drives.cia402 import states
+from dftc_rt.drives.cia402.objects import BOOT_UP
 from dftc_rt.drives.scale import RAD_PER_COUNT, TORQUE_PER_COUNT, ZERO_OFFSET, unwrap
 
 U8 = NDArray[np.uint8]
@@ -53,6 +55,8 @@ W_STARTED: Final = 9  # 1 after the first position, from which unwrapping goes o
 W_ROWS: Final = 10
 
 _BASES: Final = (0x180, 0x280, 0x380, 0x080, 0x700)
+_BOOT_UP: Final = BOOT_UP
+_OFF: Final = int(states.STATE_BITS[states.SWITCH_ON_DISABLED])
 _SHORTEST: Final = np.array([8, 3, 2, 3, 1], dtype=np.int64)
 
 
@@ -196,6 +200,8 @@ def decode_feedback(
             marked += 1
         else:
             words[W_NMT, i] = data & 0x7F
+            if words[W_NMT, i] == _BOOT_UP:  # a drive that has just powered on is off
+                words[W_STATUS, i] = _OFF
             words[W_HEARTBEATS, i] += 1
     return marked
 

@@ -24,8 +24,8 @@ from dftc_rt.drives.interface import (
     DriveConfig,
     SetUp,
 )
+from dftc_rt.drives.membership import members_by_bus, missing, node_ids
 from dftc_rt.drives.scale import ScaleTable, quantise_torque
-from dftc_rt.errors import InputError
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -56,16 +56,6 @@ def steer(goal: int, status: I64, controlword: I64) -> None:
             controlword[i] = states.CW_QUICK_STOP
         else:
             controlword[i] = states.CW_DISABLE_VOLTAGE
-
-
-@njit(cache=True)
-def _missing(seen: I64, members: I64) -> int:
-    """Return how many of the members have not sent TPDO1 in this cycle."""
-    count = 0
-    for k in range(members.shape[0]):
-        if seen[members[k]] & 1 == 0:
-            count += 1
-    return count
 
 
 class Cia402Cycle:
@@ -116,15 +106,8 @@ class Cia402Cycle:
         self.goal = GOAL_OFF
         self.counter = 0
         self.scale = ScaleTable.of([drive.scale for drive in drives])
-        self._node_ids = np.array([drive.node_id for drive in drives], dtype=np.int64)
-        self._members = [
-            np.array([i for i, drive in enumerate(drives) if drive.bus == bus], dtype=np.int64)
-            for bus in range(buses)
-        ]
-        for members in self._members:
-            ids = self._node_ids[members].tolist()
-            if len(set(ids)) != len(ids):
-                raise InputError("drives", f"node ids {ids} on one bus", "all different")
+        self._node_ids = node_ids(drives)
+        self._members = members_by_bus(drives, buses)
         self._lookups = [
             codec.feedback_lookup(members, self._node_ids) for members in self._members
         ]
@@ -176,7 +159,7 @@ class Cia402Cycle:
 
     def missing(self, bus: int) -> int:
         """Return how many joints of one bus have not answered in this cycle."""
-        count: int = _missing(self.seen, self._members[bus])
+        count: int = missing(self.seen, self._members[bus])
         return count
 
     def command(self, tau: F64) -> None:

@@ -20,24 +20,18 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from dftc_rt.bus.frame import Frames
+from dftc_rt.bus.frame import FRAME_SIZE, Frames
 from dftc_rt.drives.cia402 import states
-from dftc_rt.drives.interface import (
-    GOAL_OFF,
-    GOAL_OPERATE,
-    GOAL_READY,
-    DriveConfig,
-    SetUp,
-)
+from dftc_rt.drives.interface import GOAL_OPERATE, GOAL_READY, DriveConfig, SetUp
 from dftc_rt.drives.mit import codec
 from dftc_rt.drives.mit.scale import T_CODES, scales_of, wire_table
-from dftc_rt.drives.scale import MAX_COUNTS, TORQUE_PER_COUNT, ScaleTable
-from dftc_rt.errors import InputError
+from dftc_rt.drives.polled_cycle import PolledCycle
+from dftc_rt.drives.scale import MAX_COUNTS, TORQUE_PER_COUNT
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
-_CAPACITY: Final = 512  # rows of the largest batch that decode takes
+_NODES: Final = 256  # an answer names its drive in one byte
 
 _OFF: Final = int(states.STATE_BITS[states.SWITCH_ON_DISABLED])
 _READY: Final = int(states.STATE_BITS[states.SWITCHED_ON])
@@ -94,31 +88,12 @@ def quantise(tau: F64, scale: F64, asked: I64, code: I64, sent: F64) -> None:
             sent[i] = (2 * code[i] - T_CODES) * scale[TORQUE_PER_COUNT, i]
 
 
-@njit(cache=True)
-def _missing(seen: I64, members: I64) -> int:
-    """Return how many of the members have not answered in this cycle."""
-    count = 0
-    for k in range(members.shape[0]):
-        if seen[members[k]] == 0:
-            count += 1
-    return count
-
-
-class MitCycle:
+class MitCycle(PolledCycle):
     """Feedback and commands of all drives of a robot.
 
-    Attributes:
-        q: Joint positions, (n,), rad (m).
-        v: Joint velocities, (n,), rad/s (m/s).
-        torque_actual: Torque by the drive's own account, (n,), Nm (N): current times
-            nominal torque constant, so it does not know of a loss.
-        sent: Torques that go out at the next tick, (n,), Nm (N); 0 where none does.
-        goal: One of ``GOAL_*``.
-        seen: 1 when an answer came this cycle, (n,).
-        status: CiA 402 statuswords that say the same as the mode, (n,).
+    Attributes, besides those of :class:`PolledCycle`:
         error: Error codes of the last answers, (n,); 0 from drives that send none.
         temperature: Temperatures of the last answers, as sent, (n,).
-        other: Per row of the last decode: 0 feedback, 1 not ours, 3 short.
     """
 
     def __init__(self, drives: Sequence[DriveConfig], buses: int, rate_hz: float) -> None:
@@ -134,45 +109,18 @@ class MitCycle:
         """
         n = len(drives)
         scales = scales_of(drives)
-        self.values: F64 = np.zeros((codec.F_ROWS, n))
         self.words: I64 = np.zeros((codec.W_ROWS, n), dtype=np.int64)
-        self.q = self.values[codec.F_Q]
-        self.v = self.values[codec.F_V]
-        self.torque_actual = self.values[codec.F_TORQUE]
-        self.seen = self.words[codec.W_SEEN]
-        self.status = self.words[codec.W_STATUS]
+        super().__init__(
+            drives, scales, buses, np.zeros((codec.F_ROWS, n)), self.words[codec.W_SEEN],
+            self.words[codec.W_STATUS], _NODES,
+        )  # fmt: skip
         self.error = self.words[codec.W_ERROR]
         self.temperature = self.words[codec.W_TEMPERATURE]
-        self.sent: F64 = np.zeros(n)
         self.code: I64 = np.zeros(n, dtype=np.int64)
-        self.other = np.zeros(_CAPACITY, dtype=np.uint8)
-        self.goal = GOAL_OFF
         self._asked = self.words[codec.W_ASKED]
         self._after = self.words[codec.W_AFTER]
-        self._scale = ScaleTable.of(scales).values
         self._wire = wire_table(scales)
-        self._host_id = scales[0].host_id
-        self._node_ids = np.array([drive.node_id for drive in drives], dtype=np.int64)
-        self._members = [
-            np.array([i for i, drive in enumerate(drives) if drive.bus == bus], dtype=np.int64)
-            for bus in range(buses)
-        ]
-        self._lookups = [np.full(256, -1, dtype=np.int32) for _ in range(buses)]
-        for members, lookup in zip(self._members, self._lookups, strict=True):
-            ids = self._node_ids[members].tolist()
-            if len(set(ids)) != len(ids):
-                raise InputError("drives", f"node ids {ids} on one bus", "all different")
-            lookup[ids] = members
-        self._compile()
-
-    def _compile(self) -> None:
-        """Call every kernel on frames that change nothing."""
-        out = np.zeros((len(self.q), 16), dtype=np.uint8)
-        self.command(np.zeros_like(self.q))
-        for bus in range(len(self._members)):
-            self.sync(bus, out)
-            self.decode(bus, out, 0)
-            self.missing(bus)
+        self._compile(FRAME_SIZE)
 
     def start(self, found: SetUp) -> None:
         """Begin from the states and positions that set-up read; the first torque is zero."""
@@ -184,10 +132,6 @@ class MitCycle:
         for i, code in enumerate(found.counts):
             self.q[i] = codec.position_of(code, self._wire, i)
         self.v[:] = 0.0
-
-    def begin(self) -> None:
-        """Begin a cycle: no answer has been seen yet."""
-        self.seen[:] = 0
 
     def sync(self, bus: int, out: Frames, row: int = 0) -> int:
         """Fill in, from ``row`` on, what the last cycle has for each drive of one bus."""
@@ -204,16 +148,7 @@ class MitCycle:
         )  # fmt: skip
         return marked
 
-    def missing(self, bus: int) -> int:
-        """Return how many joints of one bus have not answered in this cycle."""
-        count: int = _missing(self.seen, self._members[bus])
-        return count
-
     def command(self, tau: F64) -> None:
         """Limit and quantise the torques of all joints, (n,), Nm, for the next tick."""
         steer(self.goal, self.status, self._asked, self._after)
         quantise(tau, self._scale, self._asked, self.code, self.sent)
-
-    def encode(self, bus: int, out: Frames) -> int:
-        """Send nothing: the commands go out at the next tick."""
-        return 0

@@ -23,7 +23,9 @@ from numpy.typing import NDArray
 
 from dftc_rt.config.robot import JointConfig
 from dftc_rt.config.scenario import MitTable
+from dftc_rt.drives.data_sheet import data_sheets, scales_as
 from dftc_rt.drives.interface import DriveConfig
+from dftc_rt.drives.polled_scale import PolledScale, refuse_host_id
 from dftc_rt.drives.scale import JointScale
 from dftc_rt.errors import InputError
 
@@ -51,7 +53,7 @@ _TOLERANCE: Final = 1 + 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MitScale(JointScale):
+class MitScale(PolledScale):
     """One joint's MIT drive: its data sheet and its ranges on the wire.
 
     Torque counts are half steps, of which only the odd ones exist.
@@ -62,9 +64,6 @@ class MitScale(JointScale):
         t_max: Torque range, Nm (N).
         kp_max: Range of the position gain, Nm/rad; from 0.
         kd_max: Range of the velocity gain, Nm s/rad; from 0.
-        lower: Joint's lower position limit, rad (m); -inf for none.
-        upper: Joint's upper position limit, rad (m); inf for none.
-        host_id: Identifier of the answers.
         answer_bytes: 6, or 8 with temperature and error; the emulated drives' only.
         wraps: Whether positions beyond ±p_max wrap, and do not stick to the end.
     """
@@ -76,9 +75,6 @@ class MitScale(JointScale):
     t_max: float
     kp_max: float
     kd_max: float
-    lower: float = -math.inf
-    upper: float = math.inf
-    host_id: int = 0
     answer_bytes: int = 6
     wraps: bool = False
 
@@ -154,12 +150,11 @@ def mit_scales(
         _per_joint(getattr(table, key), n, f"bus.mit.{key}")
         for key in ("p_max_rad", "v_max_rad_s", "t_max_nm", "kp_max", "kd_max")
     )
+    refuse_host_id("bus.mit.host_id", table.host_id, joints)
+    _refuse_collisions(table.host_id, joints)
+    sheets = data_sheets(joints, torque_constant)
     scales = []
     for i, j in enumerate(joints):
-        if j.node_id == table.host_id:
-            raise InputError(
-                "bus.mit.host_id", f"{table.host_id} is the node id of {j.name}", "another one"
-            )
         reach = MitScale.reach(float(lower[i]), float(upper[i]), j.zero_offset_rad)
         speed = j.velocity_limit_rad_s
         given_speed = velocity[i]
@@ -171,14 +166,7 @@ def mit_scales(
             )
         scales.append(
             MitScale(
-                joint=j.name,
-                counts_per_rev=j.counts_per_rev,
-                rated_torque_nm=j.rated_torque_nm,
-                max_torque_nm=j.torque_limit_nm,
-                gear=j.gear,
-                sign=j.sign,
-                zero_offset_rad=j.zero_offset_rad,
-                torque_constant=1.0 if torque_constant is None else torque_constant[i],
+                **sheets[i],
                 p_max=_or(position[i], _or_unlimited(_P_MARGIN * reach, _UNLIMITED_P)),
                 v_max=_or(given_speed, _or_unlimited(_V_MARGIN * speed, _UNLIMITED_V)),
                 t_max=_or(torque[i], j.torque_limit_nm),
@@ -200,12 +188,7 @@ def scales_of(drives: Sequence[DriveConfig]) -> list[MitScale]:
     Raises:
         InputError: A drive has none: it was described for another profile.
     """
-    found = []
-    for drive in drives:
-        if not isinstance(drive.scale, MitScale):
-            raise InputError(drive.scale.joint, "no ranges of an MIT drive")
-        found.append(drive.scale)
-    return found
+    return scales_as(drives, MitScale, "no ranges of an MIT drive")
 
 
 def wire_table(scales: Sequence[MitScale]) -> F64:
@@ -217,6 +200,25 @@ def wire_table(scales: Sequence[MitScale]) -> F64:
             s.sign, s.zero_offset_rad, s.torque_constant, s.wraps,
         )  # fmt: skip
     return table
+
+
+def _refuse_collisions(host_id: int, joints: Sequence[JointConfig]) -> None:
+    """Refuse answers that yield to commands: several drives would send theirs at once.
+
+    Raises:
+        InputError: On a bus with several drives some command has priority over the answers,
+            which have one identifier for all.
+    """
+    for bus in dict.fromkeys(joint.bus for joint in joints):
+        there = [joint for joint in joints if joint.bus == bus]
+        first = min(there, key=lambda joint: joint.node_id)
+        if len(there) > 1 and host_id > first.node_id:
+            raise InputError(
+                "bus.mit.host_id",
+                f"answers with identifier {host_id} yield to commands to {first.name}, node "
+                f"{first.node_id}, so that the drives of {bus} would send theirs at once",
+                f"less than {first.node_id}, or one drive a bus",
+            )
 
 
 def _per_joint(value: Any, n: int, where: str) -> Sequence[Any]:

@@ -18,32 +18,29 @@ from numpy.typing import NDArray
 
 from dftc_rt.config.robot import JointConfig
 from dftc_rt.config.scenario import MoteusTable
+from dftc_rt.drives.data_sheet import data_sheets, scales_as
 from dftc_rt.drives.interface import DriveConfig
 from dftc_rt.drives.moteus import codec
+from dftc_rt.drives.polled_scale import PolledScale, refuse_host_id
 from dftc_rt.drives.scale import JointScale
 from dftc_rt.errors import InputError
 
 F64 = NDArray[np.float64]
 
 TORQUE_STEP: Final = 0.01  # Nm, of an int16
+TIMEOUT_STEP: Final = 0.01  # s, of an int8
 _MOST: Final = 32767 * TORQUE_STEP
 _TOLERANCE: Final = 1 + 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MoteusScale(JointScale):
+class MoteusScale(PolledScale):
     """One joint's moteus drive: its data sheet, and how it is commanded.
 
     Attributes:
-        lower: Joint's lower position limit, rad (m); -inf for none.
-        upper: Joint's upper position limit, rad (m); inf for none.
-        host_id: Identifier of the controller.
         timeout: Watchdog that commands carry, 0.01 s; 0: as the drive is set.
     """
 
-    lower: float = -math.inf
-    upper: float = math.inf
-    host_id: int = 0
     timeout: int = 0
 
     def __post_init__(self) -> None:
@@ -90,33 +87,21 @@ def moteus_scales(
     Raises:
         InputError: A value does not fit the robot.
     """
-    timeout = round(table.watchdog_s * 100.0)
-    if not math.isclose(timeout, table.watchdog_s * 100.0, abs_tol=1e-9):
+    timeout = round(table.watchdog_s / TIMEOUT_STEP)
+    if not math.isclose(timeout, table.watchdog_s / TIMEOUT_STEP, abs_tol=1e-9):
         what = f"{table.watchdog_s:g} s"
         raise InputError("bus.moteus.watchdog_s", what, "a whole number of 0.01 s")
-    scales = []
-    for i, j in enumerate(joints):
-        if j.node_id == table.host_id:
-            raise InputError(
-                "bus.moteus.host_id", f"{table.host_id} is the node id of {j.name}", "another one"
-            )
-        scales.append(
-            MoteusScale(
-                joint=j.name,
-                counts_per_rev=j.counts_per_rev,
-                rated_torque_nm=j.rated_torque_nm,
-                max_torque_nm=j.torque_limit_nm,
-                gear=j.gear,
-                sign=j.sign,
-                zero_offset_rad=j.zero_offset_rad,
-                torque_constant=1.0 if torque_constant is None else torque_constant[i],
-                lower=float(lower[i]),
-                upper=float(upper[i]),
-                host_id=table.host_id,
-                timeout=timeout,
-            )
+    refuse_host_id("bus.moteus.host_id", table.host_id, joints)
+    return [
+        MoteusScale(
+            **sheet,
+            lower=float(lower[i]),
+            upper=float(upper[i]),
+            host_id=table.host_id,
+            timeout=timeout,
         )
-    return scales
+        for i, sheet in enumerate(data_sheets(joints, torque_constant))
+    ]
 
 
 def scales_of(drives: Sequence[DriveConfig]) -> list[MoteusScale]:
@@ -125,12 +110,7 @@ def scales_of(drives: Sequence[DriveConfig]) -> list[MoteusScale]:
     Raises:
         InputError: A drive has none: it was described for another profile.
     """
-    found = []
-    for drive in drives:
-        if not isinstance(drive.scale, MoteusScale):
-            raise InputError(drive.scale.joint, "no scale of a moteus drive")
-        found.append(drive.scale)
-    return found
+    return scales_as(drives, MoteusScale, "no scale of a moteus drive")
 
 
 def wire_table(scales: Sequence[MoteusScale]) -> F64:

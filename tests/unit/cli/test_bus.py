@@ -53,12 +53,38 @@ def test_budget_of_a_robot(capfd: Lines) -> None:
     assert frames["EMCY"]["latency_emcy_us"] > 0
 
 
-def test_budget_of_a_bare_urdf(capfd: Lines, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("settings", "joints"),
+    [
+        ([], [3, 3]),
+        (["executor.rate_hz=500"], [6]),
+        (["executor.rate_hz=2000"], [1] * 6),
+        (["bus.profile=mit", "executor.rate_hz=800"], [3, 3]),
+        (["bus.profile=moteus"], [3, 3]),  # of 4 that a bus could have
+        (["bus.profile=moteus", "executor.rate_hz=600"], [6]),
+        (["robot.joints_per_bus=2"], [2, 2, 2]),
+    ],
+)
+def test_a_bare_urdf_has_as_few_buses_as_will_do(
+    settings: list[str], joints: list[int], capfd: Lines, tmp_path: Path
+) -> None:
     scenario = tmp_path / "bare.toml"
     scenario.write_text(BARE)
-    found, _ = answer(capfd, "bus", "budget", str(scenario))
-    assert [len(bus["joints"]) for bus in found["buses"]] == [3, 3]
+    options = [word for each in settings for word in ("--set", each)]
+    found, _ = answer(capfd, "bus", "budget", str(scenario), *options)
+    assert [len(bus["joints"]) for bus in found["buses"]] == joints
     assert found["fits"]
+    assert found["buses_needed"] <= len(joints)
+
+
+def test_a_bare_urdf_of_which_no_joint_fits_a_bus_is_refused(capfd: Lines, tmp_path: Path) -> None:
+    scenario = tmp_path / "bare.toml"
+    scenario.write_text(BARE)
+    found, err = answer(
+        capfd, "bus", "budget", str(scenario), "--set", "executor.rate_hz=5000", code=2
+    )
+    assert [len(bus["joints"]) for bus in found["buses"]] == [1] * 6
+    assert "not even one joint" in err
 
 
 def test_latencies_scale_with_the_bit_rate(capfd: Lines) -> None:
@@ -105,15 +131,36 @@ def test_the_table_fits_a_narrow_terminal(capfd: Lines, monkeypatch: pytest.Monk
         assert text in out
 
 
-def test_another_profile_has_its_load_and_nothing_made_up(capfd: Lines, tmp_path: Path) -> None:
-    found, _ = answer(capfd, "bus", "budget", PANDA, "--set", "bus.profile=mit")
+def test_budget_of_mit_drives(capfd: Lines) -> None:
+    """A command and an answer take 135 bits each, one after the other."""
+    arguments = ("bus", "budget", PANDA, "--set", "bus.profile=mit")
+    found, _ = answer(capfd, *arguments)
     assert found["buses"][0]["worst"] == pytest.approx(0.81)
-    assert all(frame["latency_us"] is None for frame in found["buses"][0]["frames"])
-    assert run(["bus", "budget", PANDA, "--set", "bus.profile=mit"]) == 0
-    assert "answers come" not in capfd.readouterr().out
-    target = str(tmp_path / "x.dbc")
-    assert run(["bus", "dbc", PANDA, "-o", target, "--set", "bus.profile=mit"]) == 2
-    assert "cia402" in capfd.readouterr().err
+    command, back = found["buses"][0]["frames"]
+    assert command["identifiers"] == [1, 2, 3]
+    assert command["latencies_us"] == pytest.approx([135, 405, 675])
+    assert back["identifiers"] == [0]
+    assert back["latencies_us"] == pytest.approx([810])
+    assert (back["latency_emcy_us"], back["latencies_emcy_us"]) == (None, [])
+    assert run([*arguments]) == 0
+    assert "that leaves 190 µs to compute" in capfd.readouterr().out
+    found, err = answer(capfd, *arguments, "--set", "executor.rate_hz=1200", code=2)
+    assert "3 buses would do" not in err
+    assert found["buses"][0]["frames"][1]["latency_us"] == pytest.approx(810)  # 833 would do
+    found, _ = answer(capfd, *arguments, "--set", "executor.rate_hz=1300", code=2)
+    assert found["buses"][0]["frames"][1]["latency_us"] is None
+
+
+def test_budget_of_moteus_drives(capfd: Lines) -> None:
+    """All commands first, 112.6 µs each, then the answers in order of node id, 95.6 µs each."""
+    options = ("--set", "bus.profile=moteus", "--set", "robot.joints_per_bus=4")
+    found, _ = answer(capfd, "bus", "budget", PANDA, *options)
+    command, back = found["buses"][0]["frames"]
+    assert command["identifiers"] == [0x8001, 0x8002, 0x8003, 0x8004]
+    assert command["latencies_us"] == pytest.approx([112.6, 225.2, 337.8, 450.4])
+    assert back["identifiers"] == [0x100, 0x200, 0x300, 0x400]
+    assert back["latencies_us"] == pytest.approx([546.0, 641.6, 737.2, 832.8])
+    assert back["latency_us"] == pytest.approx(832.8)
 
 
 def test_budget_of_can_fd_buses_wired_anew(capfd: Lines) -> None:

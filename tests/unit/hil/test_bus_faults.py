@@ -10,11 +10,21 @@ import pytest
 
 from dftc_rt.bus.bits import exact_bits
 from dftc_rt.bus.frame import ERR_FLAG, Frames, frame_buffer, pack, unpack
+from dftc_rt.cli.session import open_session
+from dftc_rt.cli.simulate import run_simulation
 from dftc_rt.config import faults as kinds
 from dftc_rt.config.faults import BusFault
+from dftc_rt.dynamics.robot import load_robot
 from dftc_rt.errors import InputError
 from hil.bus.confinement import ErrorCounters
-from hil.bus.impairments import CONTROLLER, ERROR_BITS, RESTART_S, Impairments, of_bus
+from hil.bus.impairments import (
+    CONTROLLER,
+    ERROR_BITS,
+    RESTART_S,
+    Impairments,
+    check_nodes,
+    of_bus,
+)
 from hil.bus.inprocess import InProcessPort
 
 DATA = bytes(range(8))
@@ -23,12 +33,12 @@ DATA = bytes(range(8))
 class Bench:
     """A bus with faults, a controller's node and the drives' end."""
 
-    def __init__(self, *faults: BusFault, seed: int = 1) -> None:
+    def __init__(self, *faults: BusFault, seed: int = 1, joints: Sequence[str] = ()) -> None:
         self.events: list[tuple[float, int, str, str]] = []
         self.port = InProcessPort("can0")
         self.node = self.port.connect()
         self.impairments = Impairments(
-            "can0", faults, seed, 0, lambda *event: self.events.append(event)
+            "can0", faults, seed, 0, lambda *event: self.events.append(event), joints=joints
         )
         self.port.impair(self.impairments)
         self.port.advance(0.0)
@@ -208,6 +218,52 @@ def test_the_interface_of_the_controller_tells_its_state() -> None:
     assert [data[1] for data in told] == [0x30, 0x40]  # passive, both flags; active
     assert told[0][6] > 127
     assert told[1][6] <= 127
+
+
+def test_a_drive_off_the_bus_sends_nothing_and_the_others_do() -> None:
+    fault = kinds.BusOffFault(bus="can0", joint="elbow", start_s=1.0, end_s=2.0)
+    bench = Bench(fault, joints=("shoulder", "elbow", "wrist"))
+    for t, expected in ((0.5, 1), (1.5, 0), (2.5, 1)):
+        bench.port.advance(t)
+        assert bench.impairments.off(1) == (expected == 0)
+        assert not bench.impairments.off(CONTROLLER)
+        assert len(bench.from_drives(drive=1)) == expected
+        assert len(bench.from_drives(drive=0)) == len(bench.from_drives(drive=2)) == 1
+        assert len(bench.to_drives()) == 1
+    assert bench.port.statistics.lost == 1
+
+
+def test_a_drive_that_is_not_on_the_bus_cannot_be_taken_off_it() -> None:
+    joints = load_robot("panda").joint_config
+    faults: list[Any] = [kinds.BusOffFault(bus="can0", joint="panda_joint4")]  # it is on can1
+    line = r"fault\[0\]\.joint: no joint 'panda_joint4' on can0 .*panda_joint1, panda_joint2, panda"
+    with pytest.raises(InputError, match=line):
+        check_nodes(faults, joints)
+    check_nodes([kinds.BusOffFault(bus="can1", joint="panda_joint4")], joints)
+    check_nodes([kinds.BusOffFault(bus="can0")], joints)
+
+
+@pytest.mark.parametrize("profile", ["cia402", "mit", "moteus"])
+def test_a_drive_off_the_bus_does_not_hear_either(profile: str) -> None:
+    """Frame by frame: what its drive is sent, and what it sends, and when it is back."""
+    fault = 'fault=[{bus="can0", kind="bus_off", joint="panda_joint2", start_s=0.05, end_s=0.06}]'
+    opened = open_session(
+        "panda_shoulder_loss", [f"bus.profile={profile}", "duration_s=0.15", fault]
+    )
+    found, outcome = run_simulation(opened, progress=False)
+    assert outcome.end_state == "done"
+    assert found.rig is not None
+    age, t = found.cycle["age"], found.cycle["t"]
+    assert not np.delete(age, 1, axis=1).any()
+    gone = age[:, 1] > 0
+    assert t[gone][0] == pytest.approx(0.05, abs=0.0011)
+    assert t[gone][-1] == pytest.approx(0.06, abs=0.0021)
+    # A drive without SYNC answers what it was sent: of the cycle in which it is back, nothing.
+    assert gone.sum() == (10 if profile == "cia402" else 11)
+    # The last command that it heard stays in force, and its age is told.
+    ages = found.rig["cmd_age"][10:140, 1]
+    assert ages.max() == pytest.approx(11, abs=1)
+    assert np.delete(found.rig["cmd_age"][10:140], 1, axis=1).max() == 1
 
 
 def test_other_nodes_hear_what_gets_through() -> None:

@@ -99,23 +99,24 @@ def test_a_command_is_answered_from_the_moment_of_the_answer() -> None:
 def test_special_frames_are_answered_likewise() -> None:
     drives = bus(1).drives
     receive(drives, (1, ENTER))
-    assert (drives.synced, drives.switched, drives.repeated) == (False, True, False)
+    assert (drives.synced, drives.switched) == (False, True)
     drives.objects[0, slots.POSITION] = TURN // 4
     assert [position(a) for a in answers(drives)] == [36885]
     receive(drives, (9, ENTER))  # nobody's
-    assert (drives.synced, drives.switched, drives.repeated) == (False, False, False)
+    assert (drives.synced, drives.switched) == (False, False)
 
 
-def test_a_special_frame_before_the_answer_to_the_last_frame_is_noticed() -> None:
+def test_a_drive_off_the_bus_hears_nothing_and_owes_no_answer() -> None:
     drives = bus(2).drives
+    receive(drives, (1, ENTER), (2, ENTER))
+    drives.objects[0, slots.OFF_BUS] = slots.BUS_OFF
+    receive(drives, (1, LEAVE), (2, LEAVE))
+    assert [a[0] for a in answers(drives)] == [2, 2]
+    assert drives.operation_enabled.tolist() == [1, 0]
+    drives.objects[0, slots.OFF_BUS] = 0
+    assert answers(drives) == []
     receive(drives, (1, LEAVE))
-    receive(drives, (2, LEAVE))
-    assert not drives.repeated
-    receive(drives, (1, LEAVE))
-    assert drives.repeated
-    assert [a[0] for a in answers(drives)] == [1, 1, 2]
-    receive(drives, (1, LEAVE))
-    assert not drives.repeated
+    assert [a[0] for a in answers(drives)] == [1]
 
 
 def test_every_frame_has_its_answer_and_its_sender() -> None:

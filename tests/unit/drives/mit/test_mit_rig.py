@@ -13,13 +13,14 @@ from dftc_rt.config.scenario import (
     RobotTable,
     Scenario,
 )
-from dftc_rt.drives.interface import GOAL_OPERATE, GOAL_STOP, SetUp, profile
+from dftc_rt.drives.interface import GOAL_OPERATE, GOAL_STOP, DriveSetup, SetUp, profile
 from dftc_rt.drives.mit.scale import scales_of
-from dftc_rt.drives.wiring import robot_drives
+from dftc_rt.drives.wiring import frame_size, robot_drives
 from dftc_rt.dynamics.robot import load_robot
 from dftc_rt.memory import MemorySink
 from dftc_rt.rt.clock import FakeClock, LockstepClock
 from dftc_rt.rt.drive_link import DriveLink
+from dftc_rt.rt.outside import OutsideCycles
 from hil.simulate import in_process_rig
 
 F64 = NDArray[np.float64]
@@ -42,6 +43,7 @@ class Bench:
             rig=RigTable(drive=DriveTable(watchdog_s=WATCHDOG_S)),
         )
         self.sink = MemorySink(1 + 6 * n)
+        self.wall = wall
         self.clock = FakeClock()
         motion = np.zeros((3, n))
         motion[0] = self.robot.home
@@ -59,7 +61,15 @@ class Bench:
         self.k = 0
 
     def configure(self) -> SetUp:
-        return profile("mit").setup(self.sockets, self.drives, 1000.0).configure()
+        return self.setup().configure()
+
+    def setup(self) -> DriveSetup:
+        setup = profile("mit").setup(self.sockets, self.drives, 1000.0)
+        return (
+            setup
+            if self.wall
+            else OutsideCycles(setup, self.sockets, frame_size(BusTable(profile="mit")))
+        )
 
     def enable(self, tau: F64) -> None:
         """Set up, and run until the torque of a cycle has gone out to enabled drives."""
@@ -183,4 +193,4 @@ def test_shut_down_is_confirmed_after_the_loop_and_in_the_middle_of_it(bench: Be
     bench.enable(np.full(6, 4.0))
     bench.link.abandon()
     assert not bench.rig.drives.operation_enabled.any()
-    assert profile("mit").setup(bench.sockets, bench.drives, 1000.0).shutdown() == ()
+    assert bench.setup().shutdown() == ()

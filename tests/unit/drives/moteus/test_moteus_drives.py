@@ -245,20 +245,30 @@ def test_answers_are_of_the_moment_of_the_answer() -> None:
         assert strip(answer) == "2501c409"
     assert answers(drives) == []
     receive(drives, to(9, SIX_NM))  # nobody's
-    assert (drives.synced, drives.switched, drives.repeated) == (False, False, False)
+    assert (drives.synced, drives.switched) == (False, False)
 
 
-def test_a_stop_before_the_answer_to_the_last_frame_is_noticed() -> None:
+def test_answers_are_in_the_order_of_the_frames() -> None:
     drives = bus(2).drives
     receive(drives, to(1, STOP))
     receive(drives, to(2, STOP))
-    assert not drives.repeated
     receive(drives, to(1, STOP))
-    assert drives.repeated
     assert [can_id for can_id, _ in answers(drives)] == [0x100, 0x200, 0x100]
     assert drives.senders[:3].tolist() == [0, 1, 0]
+
+
+def test_a_drive_off_the_bus_hears_nothing_and_owes_no_answer() -> None:
+    drives = bus(2).drives
+    receive(drives, to(1, SIX_NM), to(2, SIX_NM))
+    drives.objects[0, slots.OFF_BUS] = slots.BUS_OFF
+    receive(drives, to(1, STOP), to(2, STOP))
+    assert [can_id for can_id, _ in answers(drives)] == [0x200, 0x200]
+    assert drives.senders[:2].tolist() == [1, 1]
+    assert drives.operation_enabled.tolist() == [1, 0]
+    drives.objects[0, slots.OFF_BUS] = 0
+    assert answers(drives) == []
     receive(drives, to(1, STOP))
-    assert not drives.repeated
+    assert [can_id for can_id, _ in answers(drives)] == [0x100]
 
 
 def test_drives_of_another_profile() -> None:
