@@ -25,7 +25,7 @@ from dftc_rt.config.scenario import Scenario
 from dftc_rt.control import laws, signals
 from dftc_rt.control.dftc import Dftc
 from dftc_rt.control.interface import Law
-from dftc_rt.drives.interface import DriveSetup, SetUp, profile
+from dftc_rt.drives.interface import SetUp, profile
 from dftc_rt.drives.scale import ScaleTable, torque_grid
 from dftc_rt.drives.wiring import bus_members, bus_names, frame_size, robot_drives
 from dftc_rt.dynamics.calibrated import calibrated
@@ -256,51 +256,61 @@ def connect(
     setup = chosen.setup(sockets, drives, rate)
     try:
         found = setup.configure()
-        return _assemble(
-            scenario, parts, sockets, clock, sink, event, stop_requested, setup, found, budget_s
+        # Around drives that are switched on, not enabled.
+
+        def report(source: str, text: str) -> None:
+            event(executor.t, WARNING, source, text)
+
+        link = DriveLink(
+            sockets,
+            chosen.cycle(drives, len(sockets), rate),
+            clock,
+            budget_s,
+            report,
+            frame_size(scenario.bus),
         )
+        link.start(found)
+        executor = assemble(
+            scenario, parts, link, clock, sink, event, stop_requested, setup.shutdown
+        )
+        return executor
     except BaseException:
         setup.shutdown()
         raise
 
 
-def _assemble(
+def assemble(
     scenario: Scenario,
     parts: Parts,
-    sockets: Sequence[FrameSocket],
+    link: DriveLink,
     clock: Clock,
     sink: RecordSink,
     event: EventFunction,
     stop_requested: Callable[[], bool],
-    setup: DriveSetup,
-    found: SetUp,
-    budget_s: float,
+    shutdown: Callable[[], Sequence[str]],
 ) -> Executor:
-    """Put the executor together around drives that are switched on, not enabled."""
-    robot, rate = parts.robot, scenario.executor.rate_hz
-    drives = robot_drives(robot, scenario.bus)
-    chosen = profile(scenario.bus.profile)
+    """Put the executor together around a link whose pose is known.
 
-    def report(source: str, text: str) -> None:
-        event(executor.t, WARNING, source, text)
+    Args:
+        scenario: The resolved scenario.
+        parts: From :func:`prepare`.
+        link: The drives, or what a log holds of them.
+        clock: Real, lock-step, fake, or that of a log.
+        sink: Takes the records.
+        event: Takes events.
+        stop_requested: Polled once a cycle.
+        shutdown: Takes power off every drive after the loop.
 
-    link = DriveLink(
-        sockets,
-        chosen.cycle(drives, len(sockets), rate),
-        clock,
-        budget_s,
-        report,
-        frame_size(scenario.bus),
-    )
-    link.start(found)
+    Raises:
+        InputError: From this pose the reference leaves the limits, or its table is too large.
+    """
     parts.reference.start(link.q)
-    check_reference(parts.reference, robot, scenario.duration_s)  # now with the real start
+    check_reference(parts.reference, parts.robot, scenario.duration_s)  # now with the real start
     table = _tabulate(scenario, parts) if scenario.control.local_terms == "tabulated" else None
-    executor = Executor(
-        scenario, robot.joints, parts.torque_limit, clock, link, parts.law, parts.reference,
-        parts.terms, table, sink, event, stop_requested, setup.shutdown,
+    return Executor(
+        scenario, parts.robot.joints, parts.torque_limit, clock, link, parts.law, parts.reference,
+        parts.terms, table, sink, event, stop_requested, shutdown,
     )  # fmt: skip
-    return executor
 
 
 def _tabulate(scenario: Scenario, parts: Parts) -> TabulatedTerms | None:

@@ -30,6 +30,7 @@ class Run:
         urdf: The robot ("" when unknown).
         torque_limit: What commands are held to, n of them, Nm; None when unknown.
         metadata: Metadata records by name, e.g. ``versions``.
+        attachments: Attached files by name, besides scenario and URDF.
     """
 
     joints: tuple[str, ...]
@@ -40,6 +41,7 @@ class Run:
     urdf: str = ""
     torque_limit: tuple[float, ...] | None = None
     metadata: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    attachments: Mapping[str, bytes] = field(default_factory=dict)
 
     @classmethod
     def from_records(
