@@ -79,7 +79,7 @@ def replay(
             if os.path.exists(log) and os.path.exists(output) and os.path.samefile(log, output):
                 raise LogError(str(output), "the log itself", "another file to write to")
         check_output(output)
-    run = read(logs[0]) if len(logs) == 1 else read_pieces(logs)[0]
+    run = read(logs[0]) if len(logs) == 1 else _joined(logs)
     if "settings" in run.metadata.get(NOTE, {}):
         source = run.metadata[NOTE].get("source", "its source")
         raise LogError(where, "was written by dftc replay --set", f"what it replays, {source}")
@@ -92,6 +92,16 @@ def replay(
     if set_:
         return _tell_what_if(run, again, replayed, found, json)
     return _tell_difference(run, replayed, found, json)
+
+
+def _joined(logs: Sequence[Path]) -> Run:
+    """The run that is in several files, once they are known to be of one."""
+    first, *others = [(log, read(log, torn=True)) for log in logs]
+    for log, other in others:
+        same = (other.scenario, other.joints) == (first[1].scenario, first[1].joints)
+        if not (same and other.metadata.get("dftc_rt") == first[1].metadata.get("dftc_rt")):
+            raise LogError(str(log), "is of another run", f"a later file of {first[0]}'s")
+    return read_pieces(logs)[0]
 
 
 def _settings(given: Sequence[str]) -> dict[str, str]:
@@ -113,6 +123,8 @@ def _tell_difference(run: Run, replayed: Replayed, found: dict[str, Any], json: 
             console.print(_spreads(result))
         for line in _other_versions(run) if result.first else ():
             console.print(line, markup=False)
+        if "output" in found:
+            console.print(f"wrote {found['output']}", markup=False)
     return 0 if result.first is None else 1
 
 
