@@ -36,6 +36,7 @@ from dftc_rt.replay.verdicts import Told
 from dftc_rt.ring import Event
 from dftc_rt.rt.executor import INFO
 
+_AT_ONCE_S = 0.01
 NOTE = "replay"
 """Metadata of a log that a replay has written."""
 
@@ -245,10 +246,12 @@ def _commands(other: tuple[float, str] | None) -> str:
     if other is None:
         return "Every command is as logged: this is what would have happened."
     t, joint = other
+    rest = "what these settings make of the motion in the log, which answers to the commands there"
+    if t < _AT_ONCE_S:
+        return f"{joint} is told something else from {t:.3f} s on: this is {rest}."
     return (
         f"Up to {t:.3f} s every command is as logged: that much would have happened. There {joint} "
-        "is first told something else; from then on this is what these settings make of the "
-        "motion in the log, which answers to the commands in the log."
+        f"is first told something else; from then on this is {rest}."
     )
 
 
