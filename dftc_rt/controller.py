@@ -21,17 +21,19 @@ from dftc_rt.config.identification import (
     identification_gains,
     load_identification,
 )
+from dftc_rt.config.robot import RobotConfig
 from dftc_rt.config.scenario import Scenario
 from dftc_rt.control import laws, signals
 from dftc_rt.control.dftc import Dftc
 from dftc_rt.control.interface import Law
-from dftc_rt.drives.interface import DriveSetup, SetUp, profile
+from dftc_rt.drives.interface import SetUp, profile
 from dftc_rt.drives.scale import ScaleTable, torque_grid
 from dftc_rt.drives.wiring import bus_members, bus_names, frame_size, robot_drives
 from dftc_rt.dynamics.calibrated import calibrated
 from dftc_rt.dynamics.interface import JointTerms
 from dftc_rt.dynamics.model import Robot
 from dftc_rt.dynamics.payload import with_unit_load
+from dftc_rt.dynamics.robot import load_robot
 from dftc_rt.dynamics.select import lagrangian_terms, local_terms, whole_body
 from dftc_rt.dynamics.tabulated import TabulatedTerms, refuse_closed_form
 from dftc_rt.effectiveness import schedule
@@ -48,6 +50,37 @@ from dftc_rt.rt.supervisor import Supervisor
 F64 = NDArray[np.float64]
 
 _TABLE_LIMIT_BYTES = 2 << 30
+
+
+def scenario_robot(scenario: Scenario, stored: tuple[RobotConfig, str] | None = None) -> Robot:
+    """Load a scenario's robot, however its buses are loaded.
+
+    A bare URDF does not say how its drives are wired: they get as few buses as will do.
+
+    Args:
+        scenario: The scenario.
+        stored: What a log holds of the robot, in place of files.
+
+    Raises:
+        InputError: Something in the scenario or the robot is wrong.
+    """
+    table, bus = scenario.robot, scenario.bus
+    most = budget.joints_per_bus(
+        rate_hz=scenario.executor.rate_hz,
+        bitrate=bus.bitrate,
+        data_bitrate=bus.data_bitrate,
+        profile=bus.profile,
+    )
+    return load_robot(
+        name=table.name,
+        urdf=table.urdf,
+        plant=table.plant,
+        lock=table.lock,
+        home_rad=table.home_rad,
+        joints_per_bus=table.joints_per_bus,
+        unstated_joints_per_bus=max(most, 1),  # a bus that is overloaded is told of later
+        stored=stored,
+    )
 
 
 @dataclass(frozen=True)
@@ -268,8 +301,23 @@ def connect(
         setup = OutsideCycles(setup, sockets, frame_size(scenario.bus))
     try:
         found = setup.configure()
-        executor = _assemble(
-            scenario, parts, sockets, clock, sink, event, stop_requested, setup, found, budget_s
+        # Around drives that are switched on, not enabled.
+
+        def report(source: str, text: str) -> None:
+            event(executor.t, WARNING, source, text)
+
+        link = DriveLink(
+            sockets,
+            chosen.cycle(drives, len(sockets), rate),
+            clock,
+            budget_s,
+            report,
+            frame_size(scenario.bus),
+            scenario.supervisor.stale_cycles,
+        )
+        link.start(found)
+        executor = assemble(
+            scenario, parts, link, clock, sink, event, stop_requested, setup.shutdown
         )
         if tap is not None:
             tap.follow(executor)
@@ -279,44 +327,38 @@ def connect(
         raise
 
 
-def _assemble(
+def assemble(
     scenario: Scenario,
     parts: Parts,
-    sockets: Sequence[FrameSocket],
+    link: DriveLink,
     clock: Clock,
     sink: RecordSink,
     event: EventFunction,
     stop_requested: Callable[[], bool],
-    setup: DriveSetup,
-    found: SetUp,
-    budget_s: float,
+    shutdown: Callable[[], Sequence[str]],
 ) -> Executor:
-    """Put the executor together around drives that are switched on, not enabled."""
-    robot, rate = parts.robot, scenario.executor.rate_hz
-    drives = robot_drives(robot, scenario.bus)
-    chosen = profile(scenario.bus.profile)
+    """Put the executor together around a link whose pose is known.
 
-    def report(source: str, text: str) -> None:
-        event(executor.t, WARNING, source, text)
+    Args:
+        scenario: The resolved scenario.
+        parts: From :func:`prepare`.
+        link: The drives, or what a log holds of them.
+        clock: Real, lock-step, fake, or that of a log.
+        sink: Takes the records.
+        event: Takes events.
+        stop_requested: Polled once a cycle.
+        shutdown: Takes power off every drive after the loop.
 
-    link = DriveLink(
-        sockets,
-        chosen.cycle(drives, len(sockets), rate),
-        clock,
-        budget_s,
-        report,
-        frame_size(scenario.bus),
-        scenario.supervisor.stale_cycles,
-    )
-    link.start(found)
+    Raises:
+        InputError: From this pose the reference leaves the limits, or its table is too large.
+    """
     parts.reference.start(link.q)
-    check_reference(parts.reference, robot, scenario.duration_s)  # now with the real start
+    check_reference(parts.reference, parts.robot, scenario.duration_s)  # now with the real start
     table = _tabulate(scenario, parts) if scenario.control.local_terms == "tabulated" else None
-    executor = Executor(
-        scenario, robot.joints, parts.torque_limit, clock, link, parts.law, parts.reference,
-        parts.terms, table, sink, event, stop_requested, setup.shutdown,
+    return Executor(
+        scenario, parts.robot.joints, parts.torque_limit, clock, link, parts.law, parts.reference,
+        parts.terms, table, sink, event, stop_requested, shutdown,
     )  # fmt: skip
-    return executor
 
 
 def _tabulate(scenario: Scenario, parts: Parts) -> TabulatedTerms | None:

@@ -15,7 +15,21 @@ from dftc_rt.errors import LogError
 from dftc_rt.log.run import Run
 
 _EVENTS: Final = 500  # shown at most
-_SEVERITIES: Final = ("debug", "info", "warning", "error")
+_JOIN: Final = """
+const over = [...document.querySelectorAll(".plotly-graph-div.time, .time .plotly-graph-div")];
+let joining = false;
+for (const one of over) one.on("plotly_relayout", change => {
+  if (joining) return;
+  const key = Object.keys(change).find(name => /^xaxis\\d*[.](range|autorange)/.test(name));
+  if (!key) return;
+  const axis = one._fullLayout.xaxis;
+  const told = axis.autorange ? {"xaxis.autorange": true} : {"xaxis.range": [...axis.range]};
+  joining = true;
+  Promise.all(over.filter(other => other !== one).map(other => Plotly.relayout(other, told)))
+    .finally(() => { joining = false; });
+});
+"""
+"""Zooms the time axes of all figures together."""
 
 _STYLE: Final = """
 :root { color-scheme: light dark; --line: #d5d9e0; --mark: #fff3d6; }
@@ -29,6 +43,7 @@ th, td { padding: .25rem .6rem; border-bottom: 1px solid var(--line); text-align
 th:first-child, td:first-child, .events td { text-align: left; }
 tr.fault { background: var(--mark); }
 .dim { opacity: .7; }
+@media print { body { max-width: none; } .time, tr { break-inside: avoid; } }
 pre { overflow-x: auto; }
 """
 
@@ -55,9 +70,12 @@ def write_report(run: Run, metrics: Mapping[str, Any], path: str | Path) -> None
     ]
     for i, joint in enumerate(run.joints):
         parts.append(f"<h2>{escape(joint)}</h2>")
-        parts.append(_figure(plots.joint_figure(run, joint, metrics["faults"]), f"joint{i}"))
+        parts.append(_time(plots.joint_figure(run, joint, metrics["faults"]), f"joint{i}"))
     parts += ["<h2>Timing</h2>", _figure(plots.timing_figure(run), "timing")]
-    parts += ["<h2>Events</h2>", _events(run)]
+    parts.append("<h2>Events</h2>")
+    if run.events:
+        parts.append(_time(plots.event_figure(run), "events"))
+    parts += [_events(run), f"<script>{_JOIN}</script>"]
     if run.scenario:
         parts.append(
             f"<details><summary>Scenario</summary><pre>{escape(run.scenario)}</pre></details>"
@@ -86,6 +104,11 @@ def _figure(figure: go.Figure, div: str) -> str:
         config={"displaylogo": False, "responsive": True},
     )
     return html
+
+
+def _time(figure: go.Figure, div: str) -> str:
+    """A figure whose axis is the time of the run."""
+    return f"<div class='time'>{_figure(figure, div)}</div>"
 
 
 def _table(metrics: Mapping[str, Any]) -> str:
@@ -117,4 +140,4 @@ def _events(run: Run) -> str:
 
 
 def _severity(level: int) -> str:
-    return _SEVERITIES[level] if level < len(_SEVERITIES) else str(level)
+    return plots.SEVERITIES[level] if level < len(plots.SEVERITIES) else str(level)

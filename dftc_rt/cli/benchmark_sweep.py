@@ -79,6 +79,10 @@ class Watched:
         """Ticks without a cycle."""
         self._law.skip(ticks)
 
+    def told(self, joint: int, tau: float) -> None:
+        """Another command was sent."""
+        self._law.told(joint, tau)
+
     def update(self, rec: F64, inertia: F64, bias: F64, load: F64 | None = None) -> int:
         """One cycle."""
         status = self._law.update(rec, inertia, bias, load)

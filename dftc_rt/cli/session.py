@@ -6,11 +6,12 @@ import dataclasses
 import importlib.metadata
 import platform
 import sys
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import llvmlite.binding
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +19,10 @@ from rich.console import Console
 
 from dftc_rt.analysis import metrics, summary
 from dftc_rt.bus.frame_record import record_data_bytes
-from dftc_rt.cli.bus_robot import scenario_robot
 from dftc_rt.config.load import load_scenario
 from dftc_rt.config.scenario import Scenario
 from dftc_rt.control import signals
-from dftc_rt.controller import Parts, prepare
+from dftc_rt.controller import Parts, prepare, scenario_robot
 from dftc_rt.drives.wiring import bus_names, frame_size
 from dftc_rt.dynamics.frames import LinkFrames
 from dftc_rt.dynamics.model import Robot
@@ -30,6 +30,7 @@ from dftc_rt.log.ending import ending_text
 from dftc_rt.log.recorder import Recorder
 from dftc_rt.log.run import Run
 from dftc_rt.log.schema import CanLayout, Layout, cycle_layout, rig_layout
+from dftc_rt.replay.stored import files_of
 from dftc_rt.rt.executor import Outcome
 from hil import SCENARIOS
 from hil.rig import check_rig
@@ -48,6 +49,7 @@ class Session:
         parts: The controller's parts.
         cycle: Layout of ``/cycle``.
         rig: Layout of ``/rig``.
+        files: What else the controller was made of, for the log.
     """
 
     scenario: Scenario
@@ -56,6 +58,7 @@ class Session:
     parts: Parts
     cycle: Layout
     rig: Layout
+    files: Mapping[str, bytes] = field(default_factory=dict)
 
     @property
     def can(self) -> CanLayout:
@@ -64,9 +67,15 @@ class Session:
         return CanLayout(buses, record_data_bytes(frame_size(self.scenario.bus)))
 
     def recorder(
-        self, path: str | Path, epoch_ns: int, *, with_rig: bool = True, with_frames: bool = False
+        self,
+        path: str | Path,
+        epoch_ns: int,
+        *,
+        with_rig: bool = True,
+        with_frames: bool = False,
+        notes: Mapping[str, Mapping[str, str]] | None = None,
     ) -> Recorder:
-        """Open the log.
+        """Open the log; ``notes`` are further metadata records.
 
         Raises:
             LogError: The file cannot be created.
@@ -86,7 +95,9 @@ class Session:
             self.can if with_frames else None,
             scenario=self.text,
             urdf=self.robot.urdf_xml,
+            files=self.files,
             versions=versions(),
+            notes=notes,
             torque_limit=self.parts.torque_limit,
             epoch_ns=epoch_ns,
             link_frames=link_frames,
@@ -122,12 +133,17 @@ def open_session(
         parts,
         cycle_layout(robot.joints, signals.NAMES),
         rig_layout(robot.joints),
+        files_of(loaded.scenario, robot),
     )
 
 
 def versions() -> dict[str, str]:
     """Return package -> version, for the log's metadata."""
-    found = {"python": platform.python_version(), "kernel": platform.release()}
+    found = {
+        "python": platform.python_version(),
+        "kernel": platform.release(),
+        "processor": llvmlite.binding.get_host_cpu_name(),  # what kernels are compiled for
+    }
     for package in _PACKAGES:
         try:
             found[package] = importlib.metadata.version(package)

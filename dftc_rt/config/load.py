@@ -8,9 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import msgspec
-import tomli_w
-
 from dftc_rt.config import toml
 from dftc_rt.config.robot import one_robot
 from dftc_rt.config.scenario import Scenario
@@ -80,7 +77,7 @@ def from_raw(raw: dict[str, Any], where: str) -> LoadedScenario:
             raise InputError(
                 f"{where}: fault[{k}].end_s", f"{fault.end_s}", f"more than start_s {fault.start_s}"
             )
-    return LoadedScenario(scenario, tomli_w.dumps(_without_none(msgspec.to_builtins(scenario))))
+    return LoadedScenario(scenario, toml.dumps(scenario))
 
 
 def from_text(text: str) -> Scenario:
@@ -131,11 +128,3 @@ def _resolve_paths(raw: dict[str, Any], folder: Path) -> None:
         value = section.get(key) if isinstance(section, dict) else None
         if isinstance(value, str) and (folder / value).is_file():
             section[key] = str((folder / value).resolve())  # type: ignore[index]
-
-
-def _without_none(node: Any) -> Any:
-    if isinstance(node, dict):
-        return {k: _without_none(v) for k, v in node.items() if v is not None}
-    if isinstance(node, (list, tuple)):
-        return [_without_none(v) for v in node]
-    return node

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
+import tomli_w
 
 from dftc_rt.errors import InputError, MissingFileError
 
@@ -70,6 +71,11 @@ def load(path: str | Path, type: type[T]) -> T:
     return convert(read(path), type, str(path))
 
 
+def dumps(struct: msgspec.Struct) -> str:
+    """Return a struct as TOML, every default written out and nothing where a value is None."""
+    return tomli_w.dumps(_without_none(msgspec.to_builtins(struct)))
+
+
 def convert(raw: dict[str, Any], type: type[T], where: str) -> T:
     """Check a dictionary, as read from TOML, against a struct type.
 
@@ -114,6 +120,14 @@ def parse_value(text: str) -> Any:
     except (tomllib.TOMLDecodeError, RecursionError):
         return text
     return table["value"] if set(table) == {"value"} else text
+
+
+def _without_none(node: Any) -> Any:
+    if isinstance(node, dict):
+        return {k: _without_none(v) for k, v in node.items() if v is not None}
+    if isinstance(node, (list, tuple)):
+        return [_without_none(v) for v in node]
+    return node
 
 
 def _steps(path: str, where: str) -> list[str | int]:

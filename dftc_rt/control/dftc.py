@@ -112,6 +112,12 @@ class Dftc:
         store = self.storage
         kernel.skip(store.parameters, store.state, store.history, min(ticks, _MOST_TICKS))
 
+    def told(self, joint: int, tau: float) -> None:
+        """Another command was sent, see :class:`dftc_rt.control.interface.Law`."""
+        history = self.storage.history
+        last = int(self.storage.state["cycle"][joint]) - 1
+        history[joint, last % history.shape[1]] = tau
+
     def update(self, rec: F64, inertia: F64, bias: F64, load: F64 | None = None) -> int:
         """One cycle, see :class:`dftc_rt.control.interface.Law`; real-time safe."""
         status = self._cycle(

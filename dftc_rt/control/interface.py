@@ -64,11 +64,20 @@ class Law(Protocol):
         """Let ticks pass without a cycle or SYNC: the torque in force stays. Real-time safe."""
         ...
 
+    def told(self, joint: int, tau: float) -> None:
+        """Take a joint's last command to have been another one; of a replay, never of the loop.
+
+        Args:
+            joint: Its index.
+            tau: Torque that its drive was told, Nm.
+        """
+        ...
+
     def update(self, rec: F64, inertia: F64, bias: F64, load: F64 | None = None) -> int:
         """Compute one cycle; real-time safe after the first call (which compiles).
 
         Args:
-            rec: Record of this cycle, (14, n), rows of :mod:`dftc_rt.control.signals`; rows
+            rec: Record of this cycle, (15, n), rows of :mod:`dftc_rt.control.signals`; rows
                 Q to AD and AGE are read, the others written.
             inertia: M_i, (n,), kg m².
             bias: Torque needed besides M_i q̈_i, (n,), Nm.

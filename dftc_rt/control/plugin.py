@@ -107,6 +107,9 @@ class TorqueLaw:
     def skip(self, ticks: int) -> None:
         """``ticks`` periods passed without a cycle: the machine was too slow."""
 
+    def told(self, joint: int, tau: float) -> None:
+        """Of a replay: the last command of a joint was tau, Nm, and not what was returned."""
+
     def torque(self, q: F64, v: F64, qd: F64, vd: F64, ad: F64) -> F64:
         """Return this cycle's torques.
 
@@ -171,6 +174,15 @@ class Guarded:
         try:
             self._law.skip(ticks)
         except InputError:  # a wrong gain is the user's, and says where
+            raise
+        except Exception as error:
+            raise LawError(self._name, error) from error
+
+    def told(self, joint: int, tau: float) -> None:
+        """See :class:`dftc_rt.control.interface.Law`."""
+        try:
+            self._law.told(joint, tau)
+        except InputError:
             raise
         except Exception as error:
             raise LawError(self._name, error) from error
@@ -242,7 +254,7 @@ def load(name: str, given: Given) -> Guarded:
         raise LawError(name, error) from error
     missing = [
         what
-        for what in ("start", "skip", "update", "ftc", "uses_local_terms")
+        for what in ("start", "skip", "told", "update", "ftc", "uses_local_terms")
         if not hasattr(law, what)
     ]
     if missing:

@@ -26,10 +26,11 @@ VERDICT: Final = 10  # see VERDICTS
 S: Final = 11  # sliding variable s of eq. (4), rad/s
 RESIDUAL: Final = 12  # torque missing against the healthy model, Nm
 AGE: Final = 13  # age of the measurement, cycles (0: answered this cycle)
+STATUS: Final = 14  # CiA 402 statusword of the drive; of the executor, no law reads it
 
 NAMES: Final = (
     "q", "v", "qd", "vd", "ad", "tau_law", "tau_cmd", "rho_hat", "rho_std",
-    "observable", "verdict", "s", "residual", "age",
+    "observable", "verdict", "s", "residual", "age", "status",
 )  # fmt: skip
 
 HEALTHY: Final = 0.0

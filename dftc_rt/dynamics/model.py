@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dftc_rt.config.robot import JointConfig, Profile
+from dftc_rt.config.robot import JointConfig, Profile, RobotConfig
 from dftc_rt.dynamics.closed_form.plants import ClosedForm
 from dftc_rt.dynamics.friction import Friction
 from dftc_rt.dynamics.urdf import Urdf
@@ -48,6 +48,7 @@ class Robot:
         gains: Gains from ``robot.toml``.
         locked: Joints that are held fixed, and where, rad (m).
         urdf: The URDF: path, text, all joints.
+        config: What ``robot.toml`` says; of a bare URDF, its name and path alone.
         friction: Friction from a calibration; None: none is assumed.
         torque_constant: (n,) true over nominal torque constant, from a calibration; None: 1.
         package_dirs: Where ``package://`` meshes are found.
@@ -73,6 +74,7 @@ class Robot:
     gains: dict[str, float | tuple[float, ...]]
     locked: dict[str, float]
     urdf: Urdf
+    config: RobotConfig
     package_dirs: tuple[Path, ...]
     closed_form: ClosedForm | None
     idx_q: tuple[int, ...] = field(repr=False)

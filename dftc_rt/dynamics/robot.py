@@ -22,7 +22,7 @@ from dftc_rt.config.robot import (
 from dftc_rt.dynamics.closed_form.fit import check_fit, closed_form
 from dftc_rt.dynamics.limits import JointLimits, joint_limits
 from dftc_rt.dynamics.model import Robot
-from dftc_rt.dynamics.urdf import find_urdf, package_dirs, parse_model, read_urdf
+from dftc_rt.dynamics.urdf import check_urdf, find_urdf, package_dirs, parse_model, read_urdf
 from dftc_rt.errors import InputError
 
 __all__ = ["Robot", "load_robot"]
@@ -43,6 +43,7 @@ def load_robot(
     plant: str | None = None,
     joints_per_bus: int | None = None,
     unstated_joints_per_bus: int = 3,
+    stored: tuple[RobotConfig, str] | None = None,
 ) -> Robot:
     """Load a robot by name, from a bare URDF, or with the equations of a closed form.
 
@@ -61,13 +62,18 @@ def load_robot(
             as ``robot.toml`` has it.
         unstated_joints_per_bus: The same, where nothing says how the drives are wired: of a
             bare URDF.
+        stored: What a log holds of it, ``robot.toml`` and the URDF's text, in place of the files
+            that ``name``, ``urdf`` or ``plant`` lead to.
 
     Raises:
         InputError: Whatever about the robot is wrong or not supported.
     """
     one_robot(name, urdf, plant, "robot")
     form = None if plant is None else closed_form(plant)
-    if urdf is not None:
+    if stored is not None:
+        config, xml = stored
+        path, where = Path(config.urdf), "robot.toml"
+    elif urdf is not None:
         path = find_urdf(urdf)
         config, where = RobotConfig(name=path.stem, urdf=str(path)), str(path)
     else:
@@ -76,7 +82,7 @@ def load_robot(
     if form is None and config.plant is not None:
         form = closed_form(config.plant)
 
-    checked = read_urdf(path)
+    checked = read_urdf(path) if stored is None else check_urdf(path, xml)
     full = parse_model(checked)
     all_limits = joint_limits(full, checked)
     by_file = _hold({}, all_limits, config.lock, config.lock_rad, {}, f"{where}: lock")
@@ -126,6 +132,7 @@ def load_robot(
         gains=dict(config.gains),
         locked=locked,
         urdf=checked,
+        config=config,
         package_dirs=package_dirs(checked),
         closed_form=form,
         idx_q=tuple(model.idx_qs)[1:],

@@ -75,18 +75,31 @@ def find_urdf(urdf: str | Path, beside: Path | None = None) -> Path:
 
 
 def read_urdf(path: Path) -> Urdf:
-    """Read a URDF and refuse what has no scalar joint coordinates.
+    """Read a URDF and check it.
 
     Raises:
-        InputError: Not readable, not XML, not a robot, no joint that can move, or a joint
-            with several degrees of freedom.
+        InputError: Not readable, or as :func:`check_urdf`.
     """
-    where = str(path)
     try:
         xml = path.read_bytes().decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         detail = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise InputError(where, f"cannot be read: {detail}", "a URDF file") from None
+        raise InputError(str(path), f"cannot be read: {detail}", "a URDF file") from None
+    return check_urdf(path, xml)
+
+
+def check_urdf(path: Path, xml: str) -> Urdf:
+    """Refuse a URDF that has no scalar joint coordinates.
+
+    Args:
+        path: Where it lies, or lay when it was logged.
+        xml: Its text.
+
+    Raises:
+        InputError: Not XML, not a robot, no joint that can move, or a joint with several
+            degrees of freedom.
+    """
+    where = str(path)
     try:
         # Encoded: with an XML declaration that names an encoding, ElementTree refuses str.
         root = ET.fromstring(xml.encode("utf-8"))

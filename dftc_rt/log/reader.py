@@ -17,7 +17,7 @@ from dftc_rt.errors import LogError
 from dftc_rt.log.cdr import decode_event
 from dftc_rt.log.chunks import DAMAGE, MAGIC, Cut, cut, records
 from dftc_rt.log.run import CanFrames, Run, Signals, split
-from dftc_rt.log.schema import CDR_HEADER, CanLayout, Layout, field_name
+from dftc_rt.log.schema import CDR_HEADER, SCENARIO, URDF, CanLayout, Layout, field_name
 from dftc_rt.ring import Event
 
 _FIXED: Final = ("/cycle", "/rig")
@@ -198,11 +198,12 @@ class _Content:
             signals,
             rig[1] if rig else None,
             tuple(sorted(events, key=lambda event: event.t)),
-            self.attachments.get("scenario.toml", b"").decode(),
-            self.attachments.get("robot.urdf", b"").decode(),
+            self.attachments.get(SCENARIO, b"").decode(),
+            self.attachments.get(URDF, b"").decode(),
             tuple(json.loads(limits)) if limits else None,
             self.metadata,
             self._frames(where),
+            {n: data for n, data in self.attachments.items() if n not in (SCENARIO, URDF)},
         )
 
     @property

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from dftc_rt.errors import LogError
 from dftc_rt.log import cdr
 from dftc_rt.log.file import LogFile
-from dftc_rt.log.schema import CDR_HEADER, CanLayout, Layout
+from dftc_rt.log.schema import CDR_HEADER, SCENARIO, URDF, CanLayout, Layout
 
 if TYPE_CHECKING:
     from typing import BinaryIO
@@ -32,6 +32,7 @@ CHUNK_BYTES: Final = 256 * 1024
 FLUSH_S: Final = 0.2  # with a drain every 20 ms, a killed process loses less than 300 ms
 VIEW_HZ: Final = 50.0
 _ROWS_AT_ONCE: Final = 4096
+_MEDIA_TYPES: Final = {".toml": "application/toml", ".urdf": "application/xml", ".csv": "text/csv"}
 
 
 class Recorder:
@@ -53,7 +54,9 @@ class Recorder:
         *,
         scenario: str = "",
         urdf: str = "",
+        files: Mapping[str, bytes] | None = None,
         versions: Mapping[str, str] | None = None,
+        notes: Mapping[str, Mapping[str, str]] | None = None,
         torque_limit: Sequence[float] | NDArray[np.float64] | None = None,
         epoch_ns: int = 0,
         link_frames: LinkFrames | None = None,
@@ -68,7 +71,9 @@ class Recorder:
             can: Layout of ``/can``; None when frames are not logged.
             scenario: Resolved scenario, TOML: attachment ``scenario.toml``.
             urdf: Attachment ``robot.urdf`` and topic ``/robot_description``.
+            files: Further attachments by name: what the controller was made of.
             versions: Metadata ``versions``: package → version.
+            notes: Further metadata by name.
             torque_limit: What commands are held to, n of them, Nm: whoever counts
                 saturation needs it.
             epoch_ns: Unix time of t = 0, ns; 0 for a simulation.
@@ -109,8 +114,12 @@ class Recorder:
         self._mcap.write_metadata("dftc_rt", facts)
         if versions:
             self._mcap.write_metadata("versions", dict(versions))
-        self._attach("scenario.toml", "application/toml", scenario)
-        self._attach("robot.urdf", "application/xml", urdf)
+        for name, record in (notes or {}).items():
+            self._mcap.write_metadata(name, dict(record))
+        self._attach(SCENARIO, scenario.encode())
+        self._attach(URDF, urdf.encode())
+        for name, data in (files or {}).items():
+            self._attach(name, data)
         self._cycles = self._channel(cycle.topic, cycle.schema, cycle.definition)
         self._rigs = self._channel(rig.topic, rig.schema, rig.definition) if rig else None
         self._can = self._channel(can.topic, can.schema, can.definition) if can else None
@@ -237,14 +246,14 @@ class Recorder:
         """Close."""
         self.close()
 
-    def _attach(self, name: str, media_type: str, text: str) -> None:
-        if text:
+    def _attach(self, name: str, data: bytes) -> None:
+        if data:
             self._mcap.attach(
                 log_time=self._epoch_ns,
                 create_time=self._epoch_ns,
                 name=name,
-                media_type=media_type,
-                data=text.encode(),
+                media_type=_MEDIA_TYPES.get(Path(name).suffix, "application/octet-stream"),
+                data=data,
             )
 
     def _channel(self, topic: str, schema: str, definition: str) -> foxglove.Channel:

@@ -46,6 +46,7 @@ class Run:
         torque_limit: What commands are held to, n of them, Nm; None when unknown.
         metadata: Metadata records by name, e.g. ``versions``.
         can: Every frame; None when they were not logged, or not asked for.
+        attachments: Attached files by name, besides scenario and URDF.
     """
 
     joints: tuple[str, ...]
@@ -57,6 +58,7 @@ class Run:
     torque_limit: tuple[float, ...] | None = None
     metadata: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     can: CanFrames | None = None
+    attachments: Mapping[str, bytes] = field(default_factory=dict)
 
     @property
     def epoch_ns(self) -> int:

@@ -4,8 +4,8 @@ A ROS 2 message that has only ``float64`` fields is, in CDR (little-endian, no p
 between 8-byte fields), the encapsulation header ``00 01 00 00`` and then the numbers. So
 a record is logged as it lies in memory, and read back with ``frombuffer``.
 
-    /cycle   t lateness compute exchange state | rows x joints   (controller)
-    /rig     t                                 | rows x joints   (rig)
+    /cycle   t lateness compute exchange state overruns skipped | rows x joints   (controller)
+    /rig     t                                                  | rows x joints   (rig)
     /can     t, then the frame: CanLayout                        (controller, with --frames)
 
 The per-joint part is a C-ordered matrix ``(rows, n)``: field-major, ``q_<joint 1> ...
@@ -28,8 +28,14 @@ from typing import ClassVar, Final
 from dftc_rt.bus.frame_record import record_words
 from dftc_rt.errors import InputError
 
+SCENARIO: Final = "scenario.toml"
+URDF: Final = "robot.urdf"
+"""Names of the attachments that every log has."""
+
 CDR_HEADER: Final = b"\x00\x01\x00\x00"  # CDR, little-endian, no options
-CYCLE_HEADER: Final = ("t", "lateness", "compute", "exchange", "state")
+CYCLE_HEADER: Final = (
+    "t", "lateness", "compute", "exchange", "state", "overruns", "skipped",
+)  # fmt: skip
 RIG_HEADER: Final = ("t",)
 RIG_ROWS: Final = ("q", "v", "tau_applied", "rho", "fault", "cmd_age")
 
@@ -39,6 +45,8 @@ _UNITS: Final = {
     "compute": "s, time of the update",
     "exchange": "s, time of the bus exchange",
     "state": "state of the executor",
+    "overruns": "late ticks so far",
+    "skipped": "ticks left out so far",
     "q": "rad (m for a prismatic joint)",
     "v": "rad/s",
     "qd": "rad, desired",
@@ -56,6 +64,7 @@ _UNITS: Final = {
     "s": "rad/s, sliding variable",
     "residual": "Nm",
     "age": "cycles, of the measurement",
+    "status": "CiA 402 statusword of the drive",
     "fault": "1 while a fault acts on the joint",
     "cmd_age": "cycles since the actuated command was sent",
 }

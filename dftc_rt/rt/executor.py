@@ -24,7 +24,7 @@ from dftc_rt.rt.supervisor import State, Supervisor
 
 F64 = NDArray[np.float64]
 
-HEADER: Final = ("t", "lateness", "compute", "exchange", "state")
+HEADER: Final = ("t", "lateness", "compute", "exchange", "state", "overruns", "skipped")
 _MOVING: Final = (State.RUN, State.SAFE_STOP, State.FINISH)
 _ARM_TIMEOUT_S: Final = 5.0
 _DISABLE_TIMEOUT_S: Final = 1.0
@@ -259,6 +259,7 @@ class Executor:
         rec[signals.Q] = link.q
         rec[signals.V] = link.v
         rec[signals.AGE] = link.age
+        rec[signals.STATUS] = link.status
         state = self._state
         self.record[4] = state
         elapsed = k - self._phase_start
@@ -363,6 +364,8 @@ class Executor:
         record[1] = lateness * 1e-9
         record[2] = compute * 1e-9
         record[3] = exchange * 1e-9
+        record[5] = self.outcome.counters.overruns
+        record[6] = self.outcome.counters.skipped
         self._sink.slot()[:] = record
         if not self._sink.commit() and not self._drop_told:
             self._drop_told = True

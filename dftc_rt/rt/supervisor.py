@@ -135,7 +135,7 @@ class Supervisor:
         """Return (violation, joint index), (OK, -1) when all is well. Real-time safe.
 
         Args:
-            rec: The cycle's record, (14, n).
+            rec: The cycle's record, (15, n).
             statusword: CiA 402 statusword of each drive, (n,).
             moving: Whether every drive must be in operation enabled.
         """

@@ -108,7 +108,7 @@ LAWS_OF_EXAMPLE_2 = ("dftc", "dftc, gain off", "computed torque")
 
 @dataclass
 class Replay:
-    """What a law makes of recorded feedback: records (K, 14, n), status (K,), limits (n,)."""
+    """What a law makes of recorded feedback: records (K, 15, n), status (K,), limits (n,)."""
 
     rec: np.ndarray
     status: np.ndarray

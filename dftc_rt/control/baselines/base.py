@@ -120,6 +120,9 @@ class Baseline:
     def skip(self, ticks: int) -> None:
         """Ticks without a cycle: nothing to account for where there is no memory."""
 
+    def told(self, joint: int, tau: float) -> None:
+        """Another command was sent: nothing to correct where there is no memory of it."""
+
     def _begin(self, rec: F64) -> bool:
         """Write what a law without an estimate says, and s; whether the inputs are finite."""
         rec[RHO_HAT] = math.nan

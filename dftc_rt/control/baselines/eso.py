@@ -191,6 +191,11 @@ class Eso(Baseline):
         """Ticks without a cycle, see :class:`dftc_rt.control.interface.Law`."""
         skip(self.parameters, self.state, self.history, min(ticks, _MOST_TICKS))
 
+    def told(self, joint: int, tau: float) -> None:
+        """Another command was sent, see :class:`dftc_rt.control.interface.Law`."""
+        last = int(self.state["cycle"][joint]) - 1
+        self.history[joint, last % self.history.shape[1]] = tau
+
     def update(self, rec: F64, inertia: F64, bias: F64, load: F64 | None = None) -> int:
         """One cycle, see :class:`dftc_rt.control.interface.Law`; real-time safe."""
         known = self._known

@@ -84,6 +84,10 @@ class Oracle:
         self.law.skip(ticks)
         self._ticks += ticks
 
+    def told(self, joint: int, tau: float) -> None:
+        """Another command was sent, see :class:`dftc_rt.control.interface.Law`."""
+        self.law.told(joint, tau)
+
     def update(self, rec: F64, inertia: F64, bias: F64, load: F64 | None = None) -> int:
         """One cycle, see :class:`dftc_rt.control.interface.Law`."""
         now, rho = self._ticks * self._period, self._rho

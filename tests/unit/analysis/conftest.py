@@ -44,8 +44,8 @@ def make_run(
     run.cycle["rho_std"][:] = 0.01
     if run.rig is not None:
         run.rig["rho"][:] = 1.0
-    assert (cycles[:, 5:].reshape(count, 14, 2)[:, RHO_HAT] == 1.0).all()
-    assert (cycles[:, 5:].reshape(count, 14, 2)[:, RHO_STD] == 0.01).all()
+    assert (cycles[:, 7:].reshape(count, 15, 2)[:, RHO_HAT] == 1.0).all()
+    assert (cycles[:, 7:].reshape(count, 15, 2)[:, RHO_STD] == 0.01).all()
     return run
 
 

@@ -145,6 +145,26 @@ def test_report_is_one_file_that_shows_the_run(run: Run, tmp_path: Path) -> None
     assert {trace["name"] for trace in traces(page, "timing")} == {"lateness"}
 
 
+def test_the_strip_of_verdicts_shows_the_gravest_of_many(run: Run, tmp_path: Path) -> None:
+    run.cycle["verdict"][:, 1] = 4.0
+    run.cycle["verdict"][700:720, 1] = 7.0
+    run.cycle["verdict"][710, 1] = 1.0
+    write_report(run, evaluate(run), tmp_path / "r.html")
+    page = Page((tmp_path / "r.html").read_text())
+    strip = {trace.get("name"): trace for trace in traces(page, "joint1")}
+
+    def spans(name: str) -> np.ndarray:
+        x = strip[name]["x"]
+        return np.frombuffer(base64.b64decode(x["bdata"]), x["dtype"]).reshape(-1, 3)[:, :2]
+
+    assert spans("actuator loss") == pytest.approx(np.array([[7.10, 7.11]]), abs=0.011)
+    assert spans("anomaly not yet attributed")[0, 0] == pytest.approx(7.0, abs=0.011)
+    assert spans("not observable")[-1, 1] == pytest.approx(9.99, abs=0.011)
+    assert spans("not observable").shape == (2, 2)
+    (events,) = traces(page, "events")
+    assert (events["name"], events["text"]) == ("error", ["&lt;b&gt;off&lt;/b&gt;"])
+
+
 def test_the_same_run_gives_the_same_report(run: Run, tmp_path: Path) -> None:
     for name in ("1.html", "2.html"):
         write_report(run, evaluate(run), tmp_path / name)
@@ -156,7 +176,8 @@ def test_report_of_a_run_without_rig_or_estimate(make: Maker, tmp_path: Path) ->
     run.cycle["rho_hat"][:] = np.nan
     write_report(run, evaluate(run), tmp_path / "r.html")
     page = Page((tmp_path / "r.html").read_text())
-    assert {trace["name"] for trace in traces(page, "joint1")} == {"error", "law", "sent"}
+    names = {trace["name"] for trace in traces(page, "joint1")}
+    assert names == {"error", "law", "sent", "residual", "healthy"}
 
 
 def test_a_minute_of_seven_joints_stays_under_8_mb(tmp_path: Path) -> None:

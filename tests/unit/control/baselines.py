@@ -77,7 +77,7 @@ def make_single(name: str, *, ftc: bool = True, limit: float = 50.0, **gains: An
 
 
 def random_record(robot: Robot, seed: int) -> np.ndarray:
-    """A record (14, n) with a measured and a desired state near home."""
+    """A record (15, n) with a measured and a desired state near home."""
     rec = np.zeros((len(NAMES), robot.n))
     rec[:5] = np.random.default_rng(seed).normal(0.0, 0.1, (5, robot.n))
     rec[0] += robot.home

@@ -159,7 +159,7 @@ def run(
     """Run the loop; ``step_kg`` is when a load comes to the last link, s, and how much, kg.
 
     Returns:
-        Records (cycles, 14, n), and true positions (cycles, n).
+        Records (cycles, 15, n), and true positions (cycles, n).
     """
     n, model = robot.n, robot.model
     data = model.createData()

@@ -37,7 +37,7 @@ def test_a_torn_file_and_the_next_are_one_run(maker: Maker, tmp_path: Path) -> N
     run, note = read_pieces([first, second])
     assert note == f"the summary is made of 2 of 2 files, {first} up to its tear"
     np.testing.assert_array_equal(run.cycle["t"], sample.cycles[:, 0])
-    np.testing.assert_array_equal(run.cycle["q"], sample.cycles[:, 5:7])
+    np.testing.assert_array_equal(run.cycle["q"], sample.cycles[:, 7:9])
     assert run.rig is not None
     np.testing.assert_array_equal(run.rig["rho"], sample.rigs[:, 7:9])
     assert run.scenario == SCENARIO

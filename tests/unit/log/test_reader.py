@@ -30,10 +30,11 @@ def test_reads_what_was_written(sample: Sample, log: Path) -> None:
         Event(0.0, 1, "controller", "läuft"),
         Event(0.25, 3, "can0", "bus off"),
     )
-    matrix = sample.cycles[:, 5:].reshape(-1, 14, 2)
+    matrix = sample.cycles[:, 7:].reshape(-1, 15, 2)
     for i, name in enumerate(NAMES):
         np.testing.assert_array_equal(run.cycle[name], matrix[:, i])
-    for i, name in enumerate(("t", "lateness", "compute", "exchange", "state")):
+    header = ("t", "lateness", "compute", "exchange", "state", "overruns", "skipped")
+    for i, name in enumerate(header):
         np.testing.assert_array_equal(run.cycle[name], sample.cycles[:, i])
     assert run.rig is not None
     np.testing.assert_array_equal(run.rig["rho"], sample.rigs[:, 7:9])
@@ -61,7 +62,7 @@ def test_a_log_equals_the_run_from_memory(sample: Sample, log: Path) -> None:
 
 
 def test_records_of_another_width_are_refused(sample: Sample) -> None:
-    with pytest.raises(InputError, match=r"/cycle: records of shape \(700, 32\)"):
+    with pytest.raises(InputError, match=r"/cycle: records of shape \(700, 36\)"):
         Run.from_records(sample.cycle, sample.cycles[:, :-1])
 
 
@@ -100,7 +101,7 @@ def test_joints_come_from_the_fields_when_metadata_is_gone(tmp_path: Path) -> No
     (tmp_path / "x.mcap").write_bytes(other_log("/cycle", layout.definition, payload, payload))
     run = read(tmp_path / "x.mcap")
     assert run.joints == ("a", "b")
-    assert run.cycle["q"].tolist() == [[5.0, 6.0]] * 2
+    assert run.cycle["q"].tolist() == [[7.0, 8.0]] * 2
 
 
 @pytest.mark.parametrize(

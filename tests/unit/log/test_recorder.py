@@ -46,7 +46,7 @@ def test_records_decode_to_the_numbers_written(sample: Sample, log: Path, topic:
 def test_joint_states_come_at_50_hz(sample: Sample, log: Path) -> None:
     messages = decoded(log, "/joint_states")
     assert [time for time, _ in messages] == [k * 20_000_000 for k in range(35)]
-    rows = sample.cycles[::20, 5:].reshape(35, 14, 2)
+    rows = sample.cycles[::20, 7:].reshape(35, 15, 2)
     for (time, state), row in zip(messages, rows, strict=True):
         assert (state.header.stamp.sec, state.header.stamp.nanosec) == (0, time)
         assert tuple(state.name) == JOINTS
@@ -66,7 +66,7 @@ def test_tf_holds_each_link(sample: Sample, log: Path) -> None:
     messages = decoded(log, "/tf")
     assert len(messages) == 35
     for (time, message), record in zip(messages, sample.cycles[::20], strict=True):
-        expected = frames(record[5:7])
+        expected = frames(record[7:9])
         assert len(message.transforms) == 2
         for transform, (parent, child, xyz, quaternion) in zip(
             message.transforms, expected, strict=True

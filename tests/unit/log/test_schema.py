@@ -29,8 +29,8 @@ def test_fields_are_header_then_rows_by_joint() -> None:
 def test_cycle_has_the_executors_header() -> None:
     layout = cycle_layout(["a"], NAMES)
     assert layout.header == executor.HEADER
-    assert layout.size == 5 + 14
-    assert layout.fields[5:8] == ("q_a", "v_a", "qd_a")
+    assert layout.size == 7 + 15
+    assert layout.fields[7:10] == ("q_a", "v_a", "qd_a")
 
 
 def test_definition_is_what_rosidl_parses() -> None:

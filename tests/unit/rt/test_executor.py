@@ -29,7 +29,7 @@ from dftc_rt.rt.supervisor import State
 F64 = NDArray[np.float64]
 PERIOD = 1_000_000  # ns
 JOINTS = ("shoulder", "elbow")
-HEADER = 5
+HEADER = 7
 RUN, FINISH, ARM, STOP, FAULT = (
     State.RUN, State.FINISH, State.ARM, State.SAFE_STOP, State.FAULT,
 )  # fmt: skip
@@ -213,7 +213,7 @@ def test_record_is_laid_out_as_the_schema_says(bench: Bench) -> None:
     bench.law.rho[:] = [0.9, 0.8]
     bench.link.age[:] = [0.0, 2.0]
     bench.run()
-    assert bench.records.shape[1] == HEADER + 14 * 2
+    assert bench.records.shape[1] == HEADER + 15 * 2
     assert bench.records[:, 0] == pytest.approx(np.arange(len(bench.records)) * 1e-3)
     for row, expected in {
         signals.Q: [0.1, -0.2],

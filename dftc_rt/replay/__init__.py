@@ -1,0 +1,1 @@
+"""The controller again, over what a log holds: the same classes, the logged feedback."""
