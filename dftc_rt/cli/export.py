@@ -4,19 +4,29 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from dftc_rt.analysis import tables
+from dftc_rt.analysis import tables, viewer_layouts
 from dftc_rt.bus import can_files
 from dftc_rt.cli.frames import logged_frames
 from dftc_rt.cli.output import check_output
 from dftc_rt.errors import DftcError, InputError, LogError
 from dftc_rt.log.reader import read
 
-_SUFFIXES = {form: f".{form}" for form in tables.FORMATS} | can_files.SUFFIXES
+_LAYOUTS = {
+    "foxglove": viewer_layouts.foxglove_layout,
+    "plotjuggler": viewer_layouts.plotjuggler_layout,
+}
+_SUFFIXES = {
+    **{form: f".{form}" for form in tables.FORMATS},
+    **can_files.SUFFIXES,
+    "foxglove": ".json",
+    "plotjuggler": ".xml",
+}
 
 
 def export(
@@ -25,11 +35,12 @@ def export(
     output: Annotated[str | Path, Parameter(alias="-o")],
     to: str | None = None,
 ) -> int:
-    """Write the signals of a log as a table, or its frames as a file of other CAN tools.
+    """Write the signals of a log as a table, its frames as a file of other CAN tools, or a layout.
 
     Signals: ``parquet``, ``csv`` (a file of /cycle, and one of /rig beside it, F-rig.csv),
     ``npz``. Frames, of a log that was recorded with ``--frames``: ``candump`` (.log), ``asc``,
     ``blf``, ``trc``, ``can-csv`` (.csv), ``txt``, by python-can's writers.
+    Layouts for viewers that fit the log's joints: ``foxglove`` (.json), ``plotjuggler`` (.xml).
     Without ``--to``, the file's ending says which; .csv are signals.
 
     Example::
@@ -57,13 +68,19 @@ def export(
         raise LogError(str(path), "the log itself", "another file to write to")
     check_output(path)
     try:
-        written = (_signals if form in tables.FORMATS else _frames)(log, form, path)
+        written = _writer(form)(log, form, path)
     except DftcError:
         raise
     except OSError as error:
         raise InputError(str(path), f"cannot be written: {error.strerror or error}") from None
     sys.stdout.write("".join(f"{each}\n" for each in written))
     return 0
+
+
+def _writer(form: str) -> Callable[[str | Path, str, Path], list[Path]]:
+    if form in _LAYOUTS:
+        return _layout
+    return _signals if form in tables.FORMATS else _frames
 
 
 def _format(path: Path, to: str | None) -> str:
@@ -91,6 +108,11 @@ def _signals(log: str | Path, form: str, path: Path) -> list[Path]:
     for each in tables.table_paths(run, form, path).values():
         check_output(each)
     return tables.write_tables(run, form, path)
+
+
+def _layout(log: str | Path, form: str, path: Path) -> list[Path]:
+    path.write_text(_LAYOUTS[form](read(log).joints))
+    return [path]
 
 
 def _frames(log: str | Path, form: str, path: Path) -> list[Path]:

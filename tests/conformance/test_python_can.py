@@ -6,9 +6,11 @@ kernel with AF_CAN, which ``tests/uml/run.sh`` brings.
 
 from __future__ import annotations
 
+import functools
 import os
 import pty
 import select
+import signal
 import subprocess
 import sys
 import threading
@@ -287,17 +289,22 @@ def wait_for_client(rig: Served, count: int) -> None:
 def test_can_logger_writes_what_it_hears(rig: Served, tmp_path: Path) -> None:
     log = tmp_path / "bus.log"
     command = [sys.executable, "-m", "can.logger", "-i", "dftc", "-c", "can0", "-f", str(log)]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
-        wait_for_client(rig, 1)
-        with can.Bus(interface="dftc", channel="can0") as node:
-            wait_for_client(rig, 2)
-            end = time.monotonic() + PATIENCE_S
-            while not (log.exists() and "123#0102" in log.read_text()):
-                assert time.monotonic() < end
-                node.send(message())
-                time.sleep(0.05)
-        process.send_signal(2)
-        assert process.wait(PATIENCE_S) == 0
+    # Whoever runs the tests in the background may have had SIGINT ignored.
+    heed = functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, preexec_fn=heed) as process:
+        try:
+            wait_for_client(rig, 1)
+            with can.Bus(interface="dftc", channel="can0") as node:
+                wait_for_client(rig, 2)
+                end = time.monotonic() + PATIENCE_S
+                while not (log.exists() and "123#0102" in log.read_text()):
+                    assert time.monotonic() < end
+                    node.send(message())
+                    time.sleep(0.05)
+            process.send_signal(signal.SIGINT)
+            assert process.wait(PATIENCE_S) == 0
+        finally:
+            process.kill()
     with can.LogReader(log) as reader:
         assert {m.arbitration_id for m in reader} == {0x123}
 

@@ -13,6 +13,8 @@ import pytest
 from dftc_rt.cli.main import run
 from tests.integration.commands import DFTC, PATIENT, Started, started
 
+pytestmark = pytest.mark.realtime
+
 PANDA = "panda_shoulder_loss"
 
 

@@ -7,11 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from dftc_rt.bus.bits import nominal_bits
 from dftc_rt.log.reader import read
 from dftc_rt.log.run import Run
 from tests.integration.commands import ATTEMPTS, DFTC, PATIENT, stalled, started
+
+pytestmark = pytest.mark.realtime
 
 RUN = 3.0  # state of a controller that follows its reference
 

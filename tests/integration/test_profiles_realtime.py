@@ -22,6 +22,8 @@ from dftc_rt.log.reader import read
 from dftc_rt.log.run import Run
 from tests.integration.commands import ATTEMPTS, DFTC, PATIENT, stalled, started
 
+pytestmark = pytest.mark.realtime
+
 RUN = 3.0  # state
 ENCODER_RAD = np.pi / 2**19  # half a count
 MIT_RAD = 1.05 * 3.8 / 65535  # half a code: no joint of Panda reaches further than 3.8 rad

@@ -28,6 +28,8 @@ from dftc_rt.rt.clock import FakeClock
 from hil.simulate import in_process_rig
 from tests.integration.commands import DFTC, dftc, started
 
+pytestmark = pytest.mark.realtime
+
 ARM2 = "paper_example2_urdf"
 LOSS = 'fault=[{kind="loss", joint="joint1", start_s=0.4, effectiveness=0.5}]'
 SHORT = ("duration_s=1.0", LOSS)

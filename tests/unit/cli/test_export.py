@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import can
@@ -10,7 +11,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from dftc_rt.analysis import load
+from dftc_rt.analysis import load, viewer_layouts
 from dftc_rt.bus.frame_record import record_dtype
 from dftc_rt.cli.main import run
 from dftc_rt.control.signals import NAMES
@@ -167,3 +168,21 @@ def test_a_missing_library_is_told_with_how_to_get_it(
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(OSError, match="pandas is not installed; pip install"):
         load(log).frame()
+
+
+@pytest.mark.parametrize(
+    ("form", "name", "make"),
+    [
+        ("foxglove", "view.json", viewer_layouts.foxglove_layout),
+        ("plotjuggler", "view.xml", viewer_layouts.plotjuggler_layout),
+    ],
+)
+def test_a_layout_is_of_the_joints_of_the_log(
+    form: str, name: str, make: Callable[[Sequence[str]], str], log: Path, tmp_path: Path
+) -> None:
+    file = tmp_path / name
+    assert run(["export", str(log), "--to", form, "-o", str(file)]) == 0
+    assert file.read_text() == make(load(log).joints)
+    by_ending = tmp_path / f"again{file.suffix}"
+    assert run(["export", str(log), "-o", str(by_ending)]) == 0
+    assert by_ending.read_bytes() == file.read_bytes()
