@@ -116,6 +116,7 @@ class MitCycle:
         goal: One of ``GOAL_*``.
         seen: 1 when an answer came this cycle, (n,).
         status: CiA 402 statuswords that say the same as the mode, (n,).
+        emergency: 0: the protocol has none, (n,).
         error: Error codes of the last answers, (n,); 0 from drives that send none.
         temperature: Temperatures of the last answers, as sent, (n,).
         other: Per row of the last decode: 0 feedback, 1 not ours, 3 short.
@@ -141,6 +142,7 @@ class MitCycle:
         self.torque_actual = self.values[codec.F_TORQUE]
         self.seen = self.words[codec.W_SEEN]
         self.status = self.words[codec.W_STATUS]
+        self.emergency = np.zeros(n, dtype=np.int64)
         self.error = self.words[codec.W_ERROR]
         self.temperature = self.words[codec.W_TEMPERATURE]
         self.sent: F64 = np.zeros(n)

@@ -103,6 +103,7 @@ class MoteusCycle:
         goal: One of ``GOAL_*``.
         seen: 1 when an answer came this cycle, (n,).
         status: CiA 402 statuswords that say the same as the mode, (n,).
+        emergency: 0: the protocol has none, (n,).
         mode: Modes of the last answers, (n,).
         fault: Fault codes, (n,), of the last answers that had one.
         other: Per row of the last decode: 0 feedback, 1 not ours, 3 without feedback.
@@ -128,6 +129,7 @@ class MoteusCycle:
         self.torque_actual = self.values[codec.F_TORQUE]
         self.seen = self.words[codec.W_SEEN]
         self.status = self.words[codec.W_STATUS]
+        self.emergency = np.zeros(n, dtype=np.int64)
         self.mode = self.words[codec.W_MODE]
         self.fault = self.words[codec.W_FAULT]
         self.sent: F64 = np.zeros(n)
