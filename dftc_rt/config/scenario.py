@@ -114,7 +114,7 @@ class SupervisorTable(Strict, frozen=True):
     saturation_s: Positive = 1.0
     stop_ramp_s: Annotated[float, Meta(gt=0, le=60)] = 0.3
     position_margin_rad: NonNegative = 0.05
-    velocity_factor: Positive = 1.5
+    velocity_factor: Positive = 2.0
     torque_rate_per_s: Positive = 500.0
     overruns_in_a_row: Annotated[int, Meta(ge=1)] = 20
     brake_s: Annotated[float, Meta(ge=0, le=0.9)] = 0.03

@@ -300,7 +300,8 @@ class Executor:
             elapsed: Cycles since the reference began, -1 off the reference.
         """
         link, rec, law = self._link, self._rec, self._law
-        if self._law_error:  # it has had its chance; no torque goes out any more
+        if self._state is State.FAULT:  # no torque goes out, and nothing is to be learnt from that
+            rec[signals.TAU_LAW] = rec[signals.TAU_CMD] = 0.0
             return limits.OK, -1
         terms: ExactTerms | TableTerms = self._exact
         try:

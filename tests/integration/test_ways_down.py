@@ -40,9 +40,16 @@ def test_a_law_that_raises(made: list[InProcessRig], monkeypatch: pytest.MonkeyP
         return update(rec, inertia, bias, load)
 
     monkeypatch.setattr(law, "update", fail)
-    with pytest.raises(FloatingPointError):
-        simulate.run_simulation(opened)
-    assert calls[0] == 300
+    run, outcome = simulate.run_simulation(opened)
+    assert (outcome.end_state, outcome.reason) == (
+        "safe stop", "the law raised FloatingPointError: a law of one's own",
+    )  # fmt: skip
+    assert calls[0] == 300  # and it is not asked again
+    assert run.rig is not None
+    at = int(np.flatnonzero(run.cycle["state"] == 6)[0])  # the first cycle after it
+    assert np.any(run.rig["v"][at - 1] != 0.0)
+    assert not run.rig["tau_applied"][at + 1 :].any()
+    assert not run.rig["v"][at + 1 :].any()
     assert not made[0].rig.drives.operation_enabled.any()
     assert not made[0].rig.drives.command.any()
 

@@ -127,7 +127,7 @@ class Bench:
     def __init__(
         self, clock: Any = None, home: tuple[float, float] = (0.1, -0.2), **tables: Any
     ) -> None:
-        supervisor = {"stop_ramp_s": 0.010, "saturation_s": 0.005, "brake_s": 0.004, **tables.pop("supervisor", {})}
+        supervisor = {"stop_ramp_s": 0.010, "velocity_factor": 1.5, "saturation_s": 0.005, "brake_s": 0.004, **tables.pop("supervisor", {})}
         scenario = Scenario(
             name="bench",
             robot=RobotTable(name="arm2"),
@@ -373,7 +373,7 @@ def law_raises(bench: Bench) -> None:
 
 
 def overspeed(bench: Bench) -> None:
-    bench.link.v[1] = -9.1  # velocity_factor is 1.5
+    bench.link.v[1] = -9.1
 
 
 def too_fast(bench: Bench) -> None:
