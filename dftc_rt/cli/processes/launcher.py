@@ -94,7 +94,7 @@ class Launcher:
             log: First file.
             watch: Called a few times a second while the controller runs.
             crash_s: How long the rig goes on without a controller that was killed in its
-                loop, s: the drives' watchdogs act, and the log shows it.
+                loop or lost a bus, s: the drives' watchdogs act, and the log shows it.
             real_time: Whether a controller that makes no cycle for long hangs.
         """
         self._rings = rings
@@ -132,7 +132,7 @@ class Launcher:
                 recorder = self._keep_recording(recorder, recorder_role, children)
                 self._watch(self._rings)
                 if self._real_time and self._cycles.stands(
-                    self._rings.cycle.written, self._flags.running
+                    self._rings.cycle.written + self._rings.cycle.dropped, self._flags.running
                 ):
                     self._trouble(f"dftc-controller made no cycle for {_HANG_S:g} s")
                     controller.kill()
@@ -142,7 +142,7 @@ class Launcher:
             self._ended.controller = controller.report
             if "error" in controller.report:  # it could not log this itself
                 self._log_error(controller.report["error"])
-            if self._flags.running:
+            if self._flags.running or controller.report.get("bus_lost"):
                 time.sleep(self._crash_s)
             self._rings.cycle.end()
             self._rings.events[0].end()
@@ -183,6 +183,7 @@ class Launcher:
             self._ended.recorder_failed = True
             return recorder
         self._trouble(f"{why}; another one goes on")
+        self._logged = _Progress()
         another = self._start_recorder(role)
         children.append(another)
         return another
