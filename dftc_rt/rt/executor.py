@@ -268,7 +268,7 @@ class Executor:
 
     def _update(self, k: int) -> None:
         """Law, gain and supervision of one cycle, and its state changes."""
-        link, rec, law = self._link, self._rec, self._law
+        link, rec = self._link, self._rec
         rec[signals.Q] = link.q
         rec[signals.V] = link.v
         rec[signals.AGE] = link.age
@@ -308,9 +308,7 @@ class Executor:
             if law.uses_local_terms:
                 if self._table is not None and (elapsed >= 0 or self._state is State.ARM):
                     terms = self._table
-                    self._table.update(
-                        min(max(elapsed, 0), self._run_cycles - 1), link.q, link.v
-                    )
+                    self._table.update(min(max(elapsed, 0), self._run_cycles - 1), link.q, link.v)
                 else:
                     self._exact.update(link.q, link.v, *self._desired)
             status = law.update(rec, terms.inertia, terms.bias, terms.load)

@@ -68,7 +68,5 @@ class Brakes:
             objects: The drives, (n, N_OBJECTS).
             released: Brakes that are open now, (n,).
         """
-        change: bool = _move(
-            t, objects, self._close_s, self._closed_at, released, self.is_open
-        )
+        change: bool = _move(t, objects, self._close_s, self._closed_at, released, self.is_open)
         return change

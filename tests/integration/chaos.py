@@ -54,7 +54,9 @@ class Draw:
     faults: tuple[str, ...]
 
     def __str__(self) -> str:
-        told = [f"{name or 'dftc'} {signal.Signals(n).name} {t:.3f} s" for name, n, t in self.signals]
+        told = [
+            f"{name or 'dftc'} {signal.Signals(n).name} {t:.3f} s" for name, n, t in self.signals
+        ]
         return "; ".join([*told, *self.breaks, *self.faults]) or "nothing"
 
 

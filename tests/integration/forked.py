@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import select
@@ -17,7 +18,7 @@ from pathlib import Path
 from tests.integration.commands import Started
 
 ROOT = Path(__file__).parents[2]
-WARM_UP_S = 240.0  # kernels may have to be compiled
+WARM_UP_S = 900.0  # kernels may have to be compiled
 PATIENCE_S = 60.0
 
 
@@ -68,7 +69,12 @@ class ForkServer:
             [sys.executable, "-m", "tests.integration.fork_server", scenario, *settings],
             cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         )  # fmt: skip
-        assert self._take(WARM_UP_S) == "ready"
+        try:
+            assert self._take(WARM_UP_S) == "ready"
+        except BaseException:
+            self._process.kill()
+            self.close()
+            raise
 
     def read(self, timeout_s: float) -> None:
         """Take in what it says."""
@@ -126,6 +132,7 @@ class ForkServer:
         """End it."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._process.stdin.close()
+        with contextlib.suppress(BrokenPipeError):
+            self._process.stdin.close()
         self._process.wait(PATIENCE_S)
         self._process.stdout.close()

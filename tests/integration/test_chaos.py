@@ -15,9 +15,7 @@ from tests.integration.survival import SCENARIO
 RUNS = 5
 
 
-def test_whatever_is_drawn_is_survived(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_whatever_is_drawn_is_survived(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     seed = int(os.environ.get("DFTC_CHAOS_SEED", random.SystemRandom().randrange(10**6)))
     random_ = random.Random(seed)
     server = ForkServer(SCENARIO, ["fault=[]"])

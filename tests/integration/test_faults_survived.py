@@ -75,8 +75,9 @@ def test_a_controller_that_pauses_finds_its_drives_stopped(
         os.kill(pid, signal.SIGSTOP)
         # The rig alone fills the log now: half a second of it is twice the watchdog.
         run.until(
-            lambda: (tmp_path / "run.mcap").stat().st_size > size + 60_000
-            or "made no cycle" in run.err,
+            lambda: (
+                (tmp_path / "run.mcap").stat().st_size > size + 60_000 or "made no cycle" in run.err
+            ),
             "the rig to go on",
         )
         os.kill(pid, signal.SIGCONT)

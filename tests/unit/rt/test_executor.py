@@ -127,7 +127,13 @@ class Bench:
     def __init__(
         self, clock: Any = None, home: tuple[float, float] = (0.1, -0.2), **tables: Any
     ) -> None:
-        supervisor = {"stop_ramp_s": 0.010, "velocity_factor": 1.5, "saturation_s": 0.005, "brake_s": 0.004, **tables.pop("supervisor", {})}
+        supervisor = {
+            "stop_ramp_s": 0.010,
+            "velocity_factor": 1.5,
+            "saturation_s": 0.005,
+            "brake_s": 0.004,
+            **tables.pop("supervisor", {}),
+        }
         scenario = Scenario(
             name="bench",
             robot=RobotTable(name="arm2"),
