@@ -171,9 +171,9 @@ def test_others_that_take_all_the_time_they_get(server: ForkServer, tmp_path: Pa
 def test_a_full_disk_ends_the_log_and_is_said(server: ForkServer, tmp_path: Path) -> None:
     ended = survive(server, tmp_path, breaks=("disk_full",), duration_s=2.0)
     assert ended.code == 3
-    assert "nothing is logged any more" in ended.err
-    assert "went to its end" not in ended.err
-    assert len(list(tmp_path.glob("run*.mcap"))) == 5  # as many recorders have tried
+    assert "no space left to write" in ended.err
+    assert ended.log.cycle["t"].size > 0  # what there was place for can be read
+    assert 1 < len(list(tmp_path.glob("run*.mcap"))) <= 5  # so many recorders have tried
 
 
 def test_a_log_folder_that_is_gone_is_said(server: ForkServer, tmp_path: Path) -> None:
