@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import random
 import signal
@@ -17,7 +18,7 @@ from tests.integration.forked import ForkServer
 from tests.integration.survival import LOST_S, Survived, arguments, leaves_nothing, pieces
 from tests.integration.survival import joined as one_run
 
-LATEST_S = 1.5  # after the start: set-up takes about half of it
+LATEST_S = 1.5  # after the start; of a child, after the controller's
 CODES = {0, 1, 3, 130}
 LIMIT_NM = 87.0  # of Panda's strongest joints
 _PROCESSES = ("dftc-controller", "dftc-rig", "dftc-recorder")
@@ -44,7 +45,8 @@ class Draw:
     """What happens to one run.
 
     Attributes:
-        signals: (process, signal, when): process "" is the launcher; seconds after the start.
+        signals: (process, signal, when): process "" is the launcher; seconds after its start,
+            for a child after the controller's.
         breaks: Of :mod:`tests.integration.breakages`.
         faults: Of the scenario, in TOML.
     """
@@ -98,11 +100,16 @@ def endure(server: ForkServer, folder: Path, drawn: Draw) -> Survived | None:
     started = time.monotonic()
     with server.start(folder / "work", words, ("short_patience", *drawn.breaks)) as run:
         pids: set[int] = set()
-        for name, number, when in drawn.signals:
-            _wait(run, pids, lambda when=when: time.monotonic() - started >= when)  # type: ignore[misc]
-            target = run.process.pid if not name else run.children().get(name)
-            if target is not None and run.process.poll() is None:
-                os.kill(target, number)
+        for child in (False, True):
+            if child and any(name for name, _, _ in drawn.signals):
+                _wait(run, pids, lambda: "dftc-controller" in run.children())
+                started = time.monotonic()
+            for name, number, when in drawn.signals:
+                if bool(name) is child:
+                    _wait(run, pids, functools.partial(_passed, started + when))
+                    target = run.children().get(name) if child else run.process.pid
+                    if target is not None and run.process.poll() is None:
+                        os.kill(target, number)
         _wait(run, pids, lambda: False)
         code = run.end()
         leaves_nothing(run, pids)
@@ -113,6 +120,10 @@ def endure(server: ForkServer, folder: Path, drawn: Draw) -> Survived | None:
         ended = Survived(code, run.err, one_run(logs))
     check(ended, drawn)
     return ended
+
+
+def _passed(moment: float) -> bool:
+    return time.monotonic() >= moment
 
 
 def _wait(run: Started, pids: set[int], over: Callable[[], bool]) -> None:

@@ -64,6 +64,17 @@ def test_a_start_from_which_the_blend_would_be_too_fast_is_refused(
     assert not made[0].rig.drives.operation_enabled.any()
 
 
+def test_a_pose_beyond_the_joint_limits_is_refused_in_one_line(made: list[InProcessRig]) -> None:
+    beyond = "rig.plant.q0_rad=[0.0, -0.5, 0.0, 0.1, 0.0, 1.6, 0.7]"  # joint 4 ends at -0.07
+    opened = open_session("panda_shoulder_loss", ["duration_s=2", beyond])
+    with pytest.raises(InputError) as refused:
+        simulate.run_simulation(opened)
+    assert "\n" not in str(refused.value)
+    assert "panda_joint4 (node 4 on can1): is at 0.100 rad" in str(refused.value)
+    assert refused.value.exit_code == 2
+    assert not made[0].rig.drives.operation_enabled.any()
+
+
 def test_drives_that_lose_the_controller_afterwards_report_no_fault(
     made: list[InProcessRig],
 ) -> None:

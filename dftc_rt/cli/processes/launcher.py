@@ -153,7 +153,7 @@ class Launcher:
             for ring in self._rings.events:
                 ring.end()
             self._ended.recorder = self._finish(recorder)
-            if recorder.code and self._left() and not self._ended.recorder_failed:
+            if recorder.code and self._left() and len(self._ended.logs) < _RECORDERS:
                 recorder = self._start_recorder(recorder_role)  # for what the last one left
                 children.append(recorder)
                 self._ended.recorder = self._finish(recorder)
