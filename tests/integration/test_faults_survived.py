@@ -137,6 +137,18 @@ def test_a_recorder_that_stops_at_the_end_leaves_the_rest_to_another(
     ended.safe_after_s()
 
 
+def test_a_controller_stopped_in_its_set_up_is_not_waited_for(
+    server: ForkServer, tmp_path: Path
+) -> None:
+    with server.start(tmp_path / "work", arguments(tmp_path, 0.3)) as run:
+        run.until(lambda: "dftc-controller" in run.children(), "the controller to start")
+        pids = set(run.children().values())
+        os.kill(run.children()["dftc-controller"], signal.SIGSTOP)
+        assert run.end() == 1
+        leaves_nothing(run, pids)
+        assert "dftc-controller made no cycle for 2 s" in run.err
+
+
 @pytest.mark.parametrize("name", sorted(NAMES))
 def test_a_process_killed_in_its_set_up_ends_the_run(
     server: ForkServer, tmp_path: Path, name: str

@@ -132,7 +132,8 @@ class Launcher:
                 recorder = self._keep_recording(recorder, recorder_role, children)
                 self._watch(self._rings)
                 if self._real_time and self._cycles.stands(
-                    self._rings.cycle.written + self._rings.cycle.dropped, self._flags.running
+                    self._rings.cycle.written + self._rings.cycle.dropped,
+                    self._flags.running or controller.stopped,
                 ):
                     self._trouble(f"dftc-controller made no cycle for {_HANG_S:g} s")
                     controller.kill()
