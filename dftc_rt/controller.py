@@ -44,8 +44,9 @@ from dftc_rt.rt.clock import Clock, FakeClock
 from dftc_rt.rt.drive_link import DriveLink
 from dftc_rt.rt.executor import WARNING, EventFunction, Executor, RecordSink
 from dftc_rt.rt.frame_tap import FrameTap
+from dftc_rt.rt.limits import JointLimits, first_loss
 from dftc_rt.rt.outside import OutsideCycles
-from dftc_rt.rt.supervisor import Supervisor
+from dftc_rt.rt.supervisor import State, Supervisor
 
 F64 = NDArray[np.float64]
 
@@ -235,6 +236,32 @@ def read_budget_s(scenario: Scenario, loads: Sequence[budget.BusLoad]) -> float:
     return share / scenario.executor.rate_hz
 
 
+def joint_limits(parts: Parts) -> JointLimits:
+    """Return what each joint may do, as the supervisor needs it."""
+    robot = parts.robot
+    return JointLimits(robot.lower, robot.upper, robot.velocity_limit, parts.torque_limit)
+
+
+def check_pose(robot: Robot, q: F64) -> None:
+    """Refuse to start from a pose that is none, as with an encoder whose zero is elsewhere.
+
+    Args:
+        robot: The robot.
+        q: Measured position, (n,), rad.
+
+    Raises:
+        InputError: A joint is outside of its limits.
+    """
+    for i, drive in enumerate(robot.joint_config):
+        if not robot.lower[i] <= q[i] <= robot.upper[i]:
+            raise InputError(
+                f"{drive.name} (node {drive.node_id} on {drive.bus})",
+                f"is at {q[i]:.3f} rad",
+                f"{robot.lower[i]:.3f} to {robot.upper[i]:.3f} rad; move it there by hand, or "
+                "correct zero_offset_rad and sign in robot.toml",
+            )
+
+
 def check_reference(reference: Reference, robot: Robot, duration_s: float) -> None:
     """Refuse a reference that leaves the robot's limits, sampled at 100 Hz.
 
@@ -314,6 +341,7 @@ def connect(
             report,
             frame_size(scenario.bus),
             scenario.supervisor.stale_cycles,
+            parts.torque_limit,
         )
         link.start(found)
         executor = assemble(
@@ -352,11 +380,12 @@ def assemble(
     Raises:
         InputError: From this pose the reference leaves the limits, or its table is too large.
     """
+    check_pose(parts.robot, link.q)
     parts.reference.start(link.q)
     check_reference(parts.reference, parts.robot, scenario.duration_s)  # now with the real start
     table = _tabulate(scenario, parts) if scenario.control.local_terms == "tabulated" else None
     return Executor(
-        scenario, parts.robot.joints, parts.torque_limit, clock, link, parts.law, parts.reference,
+        scenario, parts.robot.joints, joint_limits(parts), clock, link, parts.law, parts.reference,
         parts.terms, table, sink, event, stop_requested, shutdown,
     )  # fmt: skip
 
@@ -389,14 +418,17 @@ def warm_up(scenario: Scenario, parts: Parts) -> None:
     size = frame_size(scenario.bus)
     pairs = [in_process_link(name, frame_size=size) for name in bus_names(robot.joint_config)]
     cycle = profile(scenario.bus.profile).cycle(drives, len(pairs), scenario.executor.rate_hz)
-    link = DriveLink([near for near, _ in pairs], cycle, FakeClock(), 0.0, lambda *_: None, size)
+    link = DriveLink(
+        [near for near, _ in pairs], cycle, FakeClock(), 0.0, lambda *_: None, size,
+        torque_limit=parts.torque_limit,
+    )  # fmt: skip
     link.start(SetUp(np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)))
     feedback = frame_buffer(1, size)
     for bus, (_, far) in enumerate(pairs):
         node = next(drive.node_id for drive in drives if drive.bus == bus)
         feedback.view("<u4")[0, :2] = 0x180 + node, 8
         far.send(feedback, 1)
-    supervisor = Supervisor(scenario.supervisor, parts.torque_limit, 1.0)
+    supervisor = Supervisor(scenario.supervisor, joint_limits(parts), 1.0)
     rec = np.zeros((len(signals.NAMES), n))
     rec[signals.Q] = rec[signals.QD] = robot.home
     desired = rec[signals.QD : signals.AD + 1]
@@ -408,7 +440,8 @@ def warm_up(scenario: Scenario, parts: Parts) -> None:
         parts.terms.update(robot.home, rec[signals.V], *desired)
         parts.law.update(rec, parts.terms.inertia, parts.terms.bias, parts.terms.load)
         parts.law.skip(1)
-        supervisor.check(rec, link.status, False)
+        supervisor.check(rec, link.status, link.emergency, State.IDLE, 0)
+        first_loss(rec)
         link.all_enabled()
         link.first_live()
         link.command(rec[signals.TAU_CMD])

@@ -26,6 +26,7 @@ from hil.bus.paced_bus import PacedBus
 from hil.bus.paced_impairments import PacedImpairments
 from hil.bus.port import BusPort
 from hil.drive import slots
+from hil.drive.brakes import Brakes
 from hil.drive.failures import DriveFailures, check_failures
 from hil.drive.select import emulated_drives
 from hil.drive.sensor_faults import SensorFaults
@@ -126,6 +127,7 @@ class Rig:
         )
         self.drives, table = emulated_drives(scenario, robot)
         self._scale = table.values
+        self._brakes = Brakes(n, scenario.rig.drive.brake_close_s)
         self._sensors = Sensors(scenario.rig.drive, table, scenario.seed, n)
         self._sensors.preset(self.plant.q, self.drives.objects)
         self._failures = DriveFailures(scenario.fault, robot.joints, self.drives)
@@ -362,8 +364,9 @@ class Rig:
     def _actuate(self) -> None:
         """Put the commands in force into the motors and the brakes."""
         plant, drives = self.plant, self.drives
-        if torque_commands(drives.objects, self._scale, plant.command, plant.released):
-            plant.set_brakes(drives.operation_enabled == 1)
+        torque_commands(drives.objects, self._scale, plant.command)
+        if self._brakes.move(plant.t, drives.objects, plant.released):
+            plant.set_brakes(self._brakes.is_open)
 
     def _answer(self, bus: int, port: BusPort) -> None:
         count = self.drives.answer(bus, self._out)

@@ -31,7 +31,7 @@ from dftc_rt.dynamics.select import local_terms
 from dftc_rt.errors import InputError
 from dftc_rt.log.reader import read
 from dftc_rt.log.run import Run
-from dftc_rt.rt.supervisor import State
+from dftc_rt.rt.supervisor import FOLLOWING
 
 F64 = NDArray[np.float64]
 
@@ -214,7 +214,7 @@ def _from_log(path: Path, opened: Session) -> Run:
     period = 1.0 / opened.scenario.executor.rate_hz
     if len(t) < 2 or abs(float(np.median(np.diff(t))) - period) > 0.01 * period:
         raise InputError(str(path), "another cycle time", f"{1e3 * period:g} ms")
-    running = np.flatnonzero(run.cycle["state"] == State.RUN)
+    running = np.flatnonzero(np.isin(run.cycle["state"], FOLLOWING))
     if not running.size:
         raise InputError(str(path), "the robot was never under control", "a run")
     rows = slice(int(running[0]), int(running[-1]) + 1)

@@ -128,6 +128,7 @@ def control(
                 lambda file: roles.recorder(opened, file, epoch_ns, rings, with_rig=False),
                 path,
                 status.watch,
+                real_time=not lockstep,
             ).run()
         return finish(opened, ended, report=report, json=json)
 

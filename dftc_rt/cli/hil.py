@@ -165,6 +165,7 @@ def _launch(
         path,
         status.watch,
         crash_s=0.0 if lockstep else watchdog_s + _CRASH_MARGIN_S,
+        real_time=not lockstep,
     ).run()  # fmt: skip
 
 
@@ -209,6 +210,8 @@ def finish(opened: Session, ended: Ended, *, report: bool, json: bool) -> int:
         return code or 1
     if note:
         print(note, file=sys.stderr)
+    if ended.recorder_failed:
+        code = code or int(ended.recorder.get("exit_code", 1))
     html = ended.logs[0].with_suffix(".html")
     if report:
         try:

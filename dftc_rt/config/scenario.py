@@ -114,6 +114,11 @@ class SupervisorTable(Strict, frozen=True):
     rho_min: Annotated[float, Meta(gt=0, lt=1)] = 0.15
     saturation_s: Positive = 1.0
     stop_ramp_s: Annotated[float, Meta(gt=0, le=60)] = 0.3
+    position_margin_rad: NonNegative = 0.05
+    velocity_factor: Positive = 2.0
+    torque_rate_per_s: Positive = 500.0
+    overruns_in_a_row: Annotated[int, Meta(ge=1)] = 20
+    brake_s: Annotated[float, Meta(ge=0, le=0.9)] = 0.03
 
 
 class PlantTable(Strict, frozen=True):
@@ -144,6 +149,7 @@ class DriveTable(Strict, frozen=True):
     velocity_noise_rad_s: NonNegative = 0.002
     torque_lag_s: NonNegative = 0.001
     watchdog_s: Positive = 0.02
+    brake_close_s: NonNegative = 0.02
 
 
 class RigTable(Strict, frozen=True):

@@ -93,6 +93,7 @@ class DriveCycle(Protocol):
         sent: Torques as sent, after limit and quantisation, (n,), Nm (N).
         seen: Bit 0 is set when position and velocity came in this cycle, (n,).
         status: CiA 402 statuswords, whatever the profile calls its states, (n,).
+        emergency: Last emergency error code of each drive, (n,); 0 where a profile has none.
         other: Per row of the last decode: 0 feedback, 1 not ours, 2 emergency, 3 short.
         goal: One of ``GOAL_*``.
     """
@@ -102,6 +103,7 @@ class DriveCycle(Protocol):
     sent: F64
     seen: I64
     status: I64
+    emergency: I64
     other: NDArray[np.uint8]
     goal: int
 

@@ -37,6 +37,7 @@ class PolledCycle(ABC):
         goal: One of ``GOAL_*``.
         seen: 1 when an answer came this cycle, (n,).
         status: CiA 402 statuswords that say the same as the drive's mode, (n,).
+        emergency: 0: these protocols have none, (n,).
         other: Per row of the last decode: 0 feedback, 1 not ours, 3 without feedback.
     """
 
@@ -68,6 +69,7 @@ class PolledCycle(ABC):
         self.q, self.v, self.torque_actual = values
         self.seen = seen
         self.status = status
+        self.emergency = np.zeros(len(drives), dtype=np.int64)
         self.sent: F64 = np.zeros(len(drives))
         self.other = np.zeros(_CAPACITY, dtype=np.uint8)
         self.goal = GOAL_OFF

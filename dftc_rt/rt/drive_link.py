@@ -55,6 +55,21 @@ def _late(seen: I64, age: F64) -> None:
             age[i] = 0.0
 
 
+@numba.njit(cache=True)
+def _check(tau: F64, limit: F64, out: F64) -> int:
+    """Copy torques that may go on the wire; return how many may not.
+
+    One that is no finite number becomes zero, one out of range the joint's limit.
+    """
+    altered = 0
+    for i in range(tau.shape[0]):
+        wanted = tau[i] if np.isfinite(tau[i]) else 0.0
+        out[i] = min(max(wanted, -limit[i]), limit[i])
+        if out[i] != tau[i]:
+            altered += 1
+    return altered
+
+
 class DriveLink:
     """Exchanges SYNC, feedback and commands with the drives of a robot.
 
@@ -63,11 +78,13 @@ class DriveLink:
         v: Measured velocity, (n,), rad/s.
         age: Age of the measurement, (n,), cycles; 0 when it came this cycle.
         status: CiA 402 statusword, (n,).
+        emergency: Last emergency error code, (n,); 0: none, or its cause is gone.
         sent: Torque as sent, after limiting and quantisation, (n,), Nm.
         missed: Answers that did not come in time, over all joints and cycles.
         refused: Frames that a bus did not take, over all buses and cycles.
         errors: Error frames of each bus.
         fault: What is wrong with a bus, so that the run has to end; "" while nothing is.
+        altered: Torques that were no finite number or out of range, over all joints and cycles.
     """
 
     def __init__(
@@ -79,6 +96,7 @@ class DriveLink:
         event: Callable[[str, str], object],
         frame_size: int = FRAME_SIZE,
         patience: int = 20,
+        torque_limit: F64 | float = np.inf,
     ) -> None:
         """Prepare buffers.
 
@@ -91,6 +109,8 @@ class DriveLink:
             event: Called as (source, text) for what a drive says besides its answers.
             frame_size: Bytes of a row of every buffer: 16, or 72 where frames are CAN FD.
             patience: Cycles in a row in which a bus may take not all frames.
+            torque_limit: Largest torque that goes on the wire, scalar or (n,), Nm; what the
+                drives can be told (``max_torque_nm``) limits it in any case.
         """
         self._sockets = list(sockets)
         self._cycle = cycle
@@ -107,11 +127,15 @@ class DriveLink:
         self.fault = ""
         self.q, self.v = cycle.q, cycle.v
         self.status = cycle.status
+        self.emergency = cycle.emergency
         self.sent = cycle.sent
         self.age = np.zeros(self.q.shape[0])
         self._zero = np.zeros(self.q.shape[0])
+        self._torque = np.zeros(self.q.shape[0])
+        self._torque_limit = np.broadcast_to(torque_limit, self.q.shape).astype(np.float64)
         self.missed = 0
         self.refused = 0
+        self.altered = 0
         self._out = frame_buffer(_CAPACITY, frame_size)
         self._outs = [frame_buffer(_CAPACITY, frame_size) for _ in self._sockets]  # in lock-step
         self._words = [out.view("<u8") for out in self._outs]
@@ -180,6 +204,8 @@ class DriveLink:
     def command(self, tau: F64, torque: bool = True) -> None:
         """Send torque and controlword to every drive. Real-time safe.
 
+        This is the last place before the wire, and checks every torque once more.
+
         In lock-step they wait here for the next SYNC: nothing happens before it.
 
         Args:
@@ -190,7 +216,8 @@ class DriveLink:
             BusError: The last bus has gone away.
         """
         cycle, out = self._cycle, self._out
-        cycle.command(tau if torque else self._zero)
+        self.altered += _check(tau if torque else self._zero, self._torque_limit, self._torque)
+        cycle.command(self._torque)
         if self._lockstep:
             self._waiting = True
             return

@@ -17,17 +17,27 @@ from dftc_rt.config.scenario import Scenario
 from dftc_rt.control import interface, signals
 from dftc_rt.drives.interface import GOAL_OFF, GOAL_OPERATE, GOAL_STOP
 from dftc_rt.reference import Reference, stop_ramp
-from dftc_rt.rt import supervisor as sup
+from dftc_rt.rt import limits
 from dftc_rt.rt.clock import NS, Clock
 from dftc_rt.rt.drive_link import DriveLink
-from dftc_rt.rt.supervisor import State, Supervisor
+from dftc_rt.rt.limits import BY_VIOLATION, JointLimits, first_loss
+from dftc_rt.rt.supervisor import (
+    ARM_TIMEOUT_S,
+    FOLLOWING,
+    OFF_TIMEOUT_S,
+    Action,
+    State,
+    Supervisor,
+    Trigger,
+    edge,
+)
 
 F64 = NDArray[np.float64]
 
 HEADER: Final = ("t", "lateness", "compute", "exchange", "state", "overruns", "skipped")
-_MOVING: Final = (State.RUN, State.SAFE_STOP, State.FINISH)
-_ARM_TIMEOUT_S: Final = 5.0
-_DISABLE_TIMEOUT_S: Final = 1.0
+_STOPS: Final = (Trigger.QUICK, Trigger.RAMP, Trigger.OPERATOR, Trigger.NOT_ARMED)
+_OPERATOR: Final = "stop requested by the operator"
+_FROM_WHERE_IT_IS: Final = frozenset({limits.TRACKING, limits.POSITION, limits.VELOCITY})
 
 
 class RecordSink(Protocol):
@@ -114,7 +124,7 @@ class Executor:
         self,
         scenario: Scenario,
         joints: tuple[str, ...],
-        torque_limit: F64,
+        joint_limits: JointLimits,
         clock: Clock,
         link: DriveLink,
         law: interface.Law,
@@ -131,7 +141,7 @@ class Executor:
         Args:
             scenario: The resolved scenario.
             joints: Names, in order.
-            torque_limit: (n,), Nm.
+            joint_limits: What each joint may do.
             clock: Real, lock-step or fake.
             link: The drives, configured, their pose known.
             law: The control law.
@@ -158,17 +168,20 @@ class Executor:
         self._shutdown = shutdown
         self._period_ns = round(NS / scenario.executor.rate_hz)
         self._period = 1.0 / scenario.executor.rate_hz
-        self._supervisor = Supervisor(scenario.supervisor, torque_limit, self._period)
+        self._supervisor = Supervisor(scenario.supervisor, joint_limits, self._period)
         self._run_cycles = max(round(scenario.duration_s * scenario.executor.rate_hz), 1)
         self._ramp_s = scenario.supervisor.stop_ramp_s
+        self._brake_s = scenario.supervisor.brake_s
         self._overrun = scenario.executor.overrun
         self.record = np.zeros(len(HEADER) + len(signals.NAMES) * n)
         self._rec = self.record[len(HEADER) :].reshape(len(signals.NAMES), n)
         self._desired = self._rec[signals.QD : signals.AD + 1]
         self._ramp_from = np.zeros((3, n))
         self.outcome = Outcome()
-        self._state = State.IDLE
-        self._phase_start = 0  # cycle at which the present state began
+        self._state = State.CONFIGURE  # set-up is done: nothing is enabled
+        self._phase_start = 0  # cycle at which the present phase began
+        self._late = 0  # overruns in a row
+        self._law_error = ""
         self._drop_told = False
         self.t = 0.0  # scheduled time of the present cycle, s
         self.first_tick = 0  # when the clock shows t = 0, ns; known when the loop begins
@@ -229,8 +242,7 @@ class Executor:
         rec[signals.Q], rec[signals.V] = link.q, link.v
         self._law.start(link.q, link.v)
         self._ramp_from[0] = link.q
-        link.goal = GOAL_OPERATE
-        self._enter(State.ARM, 0, INFO, "arming")
+        self._take(0, Trigger.READY, "arming")
 
     def _next_tick(self, k: int, first_tick: int) -> int:
         """Return the next cycle's number; apply the overrun policy when it is late."""
@@ -238,13 +250,15 @@ class Executor:
             return k + 1
         behind = self._clock.now() - (first_tick + (k + 1) * self._period_ns)
         if behind <= 0:
+            self._late = 0
             return k + 1
         counters = self.outcome.counters
         counters.overruns += 1
+        self._late += 1
         if self._overrun == "catch_up":
             return k + 1
-        if self._overrun == "stop" and self._state is State.RUN:
-            self._safe_stop(k, "overrun: the cycle took longer than its period", ramp=True)
+        if self._overrun == "stop" and self._state in FOLLOWING:
+            self._stop_for(k, limits.OVERRUN, -1)
         missed = int(behind // self._period_ns)
         counters.skipped += missed
         if missed:
@@ -255,7 +269,7 @@ class Executor:
 
     def _update(self, k: int) -> None:
         """Law, gain and supervision of one cycle, and its state changes."""
-        link, rec, law = self._link, self._rec, self._law
+        link, rec = self._link, self._rec
         rec[signals.Q] = link.q
         rec[signals.V] = link.v
         rec[signals.AGE] = link.age
@@ -263,99 +277,152 @@ class Executor:
         state = self._state
         self.record[4] = state
         elapsed = k - self._phase_start
-        if state is State.RUN and self._table is not None:
+        following = state in FOLLOWING
+        if following and self._table is not None:
             self._desired[:] = self._table.motion[min(elapsed, self._run_cycles - 1)]
-        elif state is State.RUN:
+        elif following:
             self._reference.sample(elapsed * self._period, self._desired)
         elif state is State.ARM:
             self._desired[0] = self._ramp_from[0]
             self._desired[1:] = 0.0
         else:
             stop_ramp(elapsed * self._period, self._ramp_s, self._ramp_from, self._desired)
-        terms: ExactTerms | TableTerms = self._exact
-        if law.uses_local_terms:
-            if self._table is not None and state <= State.RUN:
-                terms = self._table
-                self._table.update(elapsed if state is State.RUN else 0, link.q, link.v)
-            else:
-                self._exact.update(link.q, link.v, *self._desired)
-        status = law.update(rec, terms.inertia, terms.bias, terms.load)
-        violation, joint = self._supervisor.check(rec, link.status, state in _MOVING)
-        if status and violation == sup.OK:
-            violation, joint = sup.NOT_FINITE, int(np.argmax(np.isnan(rec[signals.S])))
+        of_law, where = self._run_law(elapsed if following else -1)
+        violation, joint = self._supervisor.check(
+            rec, link.status, link.emergency, state, self._late
+        )
+        if of_law == limits.LAW_RAISED or violation == limits.OK:
+            violation, joint = of_law, where
         self._transition(k, elapsed, violation, joint)
 
+    def _run_law(self, elapsed: int) -> tuple[int, int]:
+        """Update the law; return what it did wrong, and on which joint.
+
+        Args:
+            elapsed: Cycles since the reference began, -1 off the reference.
+        """
+        link, rec, law = self._link, self._rec, self._law
+        if self._state is State.FAULT:  # no torque goes out, and nothing is to be learnt from that
+            rec[signals.TAU_LAW] = rec[signals.TAU_CMD] = 0.0
+            return limits.OK, -1
+        terms: ExactTerms | TableTerms = self._exact
+        try:
+            if law.uses_local_terms:
+                if self._table is not None and (elapsed >= 0 or self._state is State.ARM):
+                    terms = self._table
+                    self._table.update(min(max(elapsed, 0), self._run_cycles - 1), link.q, link.v)
+                else:
+                    self._exact.update(link.q, link.v, *self._desired)
+            status = law.update(rec, terms.inertia, terms.bias, terms.load)
+        except Exception as error:  # somebody else's code: whatever it raises, the drives stop
+            self._law_error = f"{type(error).__name__}: {error}"
+            rec[signals.TAU_LAW] = rec[signals.TAU_CMD] = 0.0
+            return limits.LAW_RAISED, -1
+        if status:
+            return limits.NOT_FINITE, int(np.argmax(np.isnan(rec[signals.S])))
+        return limits.OK, -1
+
     def _transition(self, k: int, elapsed: int, violation: int, joint: int) -> None:
-        """Edges of the supervisor's graph."""
+        """Take the edge of :data:`dftc_rt.rt.supervisor.EDGES` that this cycle calls for."""
         state = self._state
+        seconds = elapsed * self._period
         if state is State.FAULT:
-            live = self._link.first_live()
-            if live < 0 and elapsed > 0:
-                self._enter(State.IDLE, k, INFO, "drives disabled, brakes closed")
-            elif elapsed * self._period >= _DISABLE_TIMEOUT_S:
-                text = f"did not say within {_DISABLE_TIMEOUT_S} s that it is off"
-                self._enter(State.IDLE, k, ERROR, f"{self._joints[live]}: {text}")
+            self._await_brakes(k, elapsed)
             return
-        if self._link.fault:  # commands do not get through, or not all: no ramp
-            self._safe_stop(k, self._link.fault, ramp=False)
-            return
-        if violation != sup.OK and self._react(k, violation, joint):
+        if violation != limits.OK:
+            self._stop_for(k, violation, joint)
+        elif self._link.fault:  # commands do not get through, or not all: no ramp
+            self._take(k, Trigger.QUICK, self._link.fault)
+        elif self._stop_requested():
+            self._take(k, Trigger.OPERATOR, _OPERATOR)
+        if self._state is not state:
             return
         if state is State.ARM:
             if self._link.all_enabled():
-                self._enter(State.RUN, k + 1, INFO, "running")
-            elif elapsed * self._period >= _ARM_TIMEOUT_S:
+                self._take(k + 1, Trigger.ENABLED, "running")
+            elif seconds >= ARM_TIMEOUT_S:
                 who = self._joints[self._link.first_not_enabled()]
-                self._safe_stop(k, f"{who}: the drive was not enabled in {_ARM_TIMEOUT_S} s", False)
-            elif self._stop_requested():
-                self._interrupt(k, ramp=False)
-        elif state is State.RUN:
-            if self._stop_requested():
-                self._interrupt(k, ramp=True)
-            elif elapsed + 1 >= self._run_cycles:
-                self._ramp_from[:] = self._desired
-                self._enter(State.FINISH, k, INFO, "duration reached, coming to rest")
-        elif elapsed * self._period >= self._ramp_s:
-            self._link.goal = GOAL_OFF
-            self._enter(State.FAULT, k, INFO, "at rest, disabling the drives")
+                text = f"{who}: the drive was not enabled in {ARM_TIMEOUT_S} s"
+                self._take(k, Trigger.NOT_ARMED, text)
+        elif state in FOLLOWING:
+            self._follow(k, elapsed)
+        elif seconds >= self._ramp_s:
+            self._take(k, Trigger.AT_REST, "at rest, disabling the drives")
 
-    def _react(self, k: int, violation: int, joint: int) -> bool:
-        """Stop for a violation; return whether the state changed.
+    def _await_brakes(self, k: int, elapsed: int) -> None:
+        """End when every drive is off and its brake closed, or one does not say so."""
+        seconds = elapsed * self._period
+        live = self._link.first_live()
+        if live < 0 and elapsed > 0 and seconds >= self._brake_s:
+            self._take(k, Trigger.OFF, "drives disabled, brakes closed")
+        elif live >= 0 and seconds >= OFF_TIMEOUT_S:
+            text = f"did not say within {OFF_TIMEOUT_S} s that it is off"
+            self._take(k, Trigger.NOT_OFF, f"{self._joints[live]}: {text}", ERROR)
 
-        A violation that can be ramped down stands while the ramp lasts: it is no second one.
+    def _follow(self, k: int, elapsed: int) -> None:
+        """Leave the reference when it is over; say when an actuator is lost, and found again."""
+        if elapsed + 1 >= self._run_cycles:
+            self._take(k, Trigger.DURATION, "duration reached, coming to rest")
+            return
+        lost = first_loss(self._rec)
+        if lost >= 0 and self._state is State.RUN:
+            self._take(k, Trigger.LOSS, f"degraded: {self._joints[lost]} has lost torque")
+        elif lost < 0 and self._state is State.DEGRADED:
+            self._take(k, Trigger.NO_LOSS, "no actuator loss any more")
+
+    def _stop_for(self, k: int, violation: int, joint: int) -> None:
+        """Stop for a violation.
+
+        One that can be ramped down stands while the ramp lasts: it is no second one.
         """
-        reason = self._supervisor.reason(violation, self._joints[joint])
-        if violation in sup.UNCONTROLLED or self._state is State.ARM:
-            self._safe_stop(k, reason, ramp=False)
-            return True
-        if self._state is not State.RUN:
-            if self.outcome.end_state == "done":
-                self.outcome.end_state, self.outcome.reason = "safe stop", reason
-            return False
-        self._safe_stop(k, reason, ramp=True)
-        if violation == sup.TRACKING:  # from where the joint is, not from where it should be
+        ramp = BY_VIOLATION[violation].ramp
+        name = self._joints[joint] if joint >= 0 else ""
+        text = self._supervisor.reason(violation, joint, name, self._law_error)
+        following = self._state in FOLLOWING
+        self._take(k, Trigger.RAMP if ramp else Trigger.QUICK, text)
+        if following and violation in _FROM_WHERE_IT_IS:
+            # From where the joint is, not from where it should be.
             self._ramp_from[0, joint] = self._rec[signals.Q, joint]
             self._ramp_from[1, joint] = self._rec[signals.V, joint]
-        return True
 
-    def _interrupt(self, k: int, ramp: bool) -> None:
-        self._safe_stop(k, "stop requested by the operator", ramp)
-        self.outcome.end_state = "interrupted"
+    def _take(self, k: int, trigger: Trigger, text: str, severity: int = INFO) -> None:
+        """Take the edge of a trigger from the present state: its action, then its target.
 
-    def _safe_stop(self, k: int, reason: str, ramp: bool) -> None:
-        """Begin a ramp to rest, or, where that cannot be trusted, quick-stop the drives."""
-        if self.outcome.end_state == "done":
-            self.outcome.end_state, self.outcome.reason = "safe stop", reason
-        if ramp:
+        Args:
+            k: Cycle at which the target's phase begins.
+            trigger: What happened; means nothing where the state has no such edge.
+            text: What to say; the reason, for a stop.
+            severity: Of the event.
+        """
+        taken = edge(self._state, trigger)
+        if taken is None:
+            return
+        action = taken.action
+        first = trigger in _STOPS and self.outcome.end_state == "done"
+        if first:
+            operator = trigger is Trigger.OPERATOR
+            self.outcome.end_state = "interrupted" if operator else "safe stop"
+            self.outcome.reason = text
+        if action is Action.KEEP_RAMP:
+            if first:
+                self._event(k * self._period, ERROR, "controller", f"safe stop: {text}")
+            return
+        if action is Action.RAMP:
             self._ramp_from[:] = self._desired
-            self._enter(State.SAFE_STOP, k, ERROR, f"safe stop: {reason}")
-        else:
+            if trigger is not Trigger.DURATION:
+                severity, text = ERROR, f"safe stop: {text}"
+        elif action is Action.QUICK_STOP:
             self._link.goal = GOAL_STOP
-            self._enter(State.FAULT, k, ERROR, f"quick stop: {reason}")
-
-    def _enter(self, state: State, k: int, severity: int, text: str) -> None:
-        self._state = state
-        self._phase_start = k
+            severity, text = ERROR, f"quick stop: {text}"
+        elif action is Action.DISABLE:
+            self._link.goal = GOAL_OFF
+        elif action is Action.ENABLE:
+            self._link.goal = GOAL_OPERATE
+        if action is Action.NOTE:
+            severity = WARNING if trigger is Trigger.LOSS else INFO
+        else:
+            self._phase_start = k
+        self._state = taken.target
         self._event(k * self._period, severity, "controller", text)
 
     def _record(self, k: int, lateness: int, compute: int, exchange: int) -> None:

@@ -1,28 +1,33 @@
-"""The supervisor: states of a run, and the limits that end it in a safe stop.
+"""The supervisor: the states of a run and every way from one to another, as one table.
 
-    idle -> configure -> arm -> run -> finish          the run reached its duration
-                          |      |
-                          +------+-> safe stop -> fault
+    idle -> configure -> arm -> run <-> degraded -> finish -> fault -> idle
+                          |      |         |          |
+                          +------+---------+-> safe stop or at once -> fault
 
 ``finish`` and ``safe stop`` bring the arm to rest under control, then hand it to the
-brakes. Where control cannot do that any more (no feedback, a drive that faults or drops
-out, an actuator that is all but lost, an error that keeps growing), the drives are
-quick-stopped instead, at once.
+brakes. Where control cannot do that any more, the drives are quick-stopped instead, at
+once; where they cannot be reached, their own watchdogs do it. A stop is legal from every
+state: :data:`EDGES` has one for each, and docs/safety.md shows the same rows.
 """
 
 from __future__ import annotations
 
-from enum import IntEnum
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
 from typing import Final
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from dftc_rt.config.scenario import SupervisorTable
-from dftc_rt.control import signals
+from dftc_rt.rt import limits
+from dftc_rt.rt.limits import BY_VIOLATION, OK, JointLimits
 
 F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+
+ARM_TIMEOUT_S: Final = 5.0
+OFF_TIMEOUT_S: Final = 1.0
 
 
 class State(IntEnum):
@@ -38,120 +43,187 @@ class State(IntEnum):
     FINISH = 7
 
 
-# What check() found. The first one found ends the run.
-OK: Final = 0
-NOT_FINITE: Final = 1
-DRIVE_FAULT: Final = 2
-STALE: Final = 3
-TRACKING: Final = 4
-RHO_LOW: Final = 5
-SATURATED: Final = 6
-RUNAWAY: Final = 7
-NOT_ENABLED: Final = 8
+MOVING: Final = (State.RUN, State.DEGRADED, State.SAFE_STOP, State.FINISH)
+"""States in which every drive must be in operation enabled."""
 
-REASONS: Final = {
-    NOT_FINITE: "a value that is not finite",
-    DRIVE_FAULT: "the drive reports a fault",
-    STALE: "no fresh feedback for {limit} cycles",
-    TRACKING: "tracking error over {limit} rad",
-    RHO_LOW: "estimated effectiveness below {limit}",
-    SATURATED: "torque saturated for {limit} s",
-    RUNAWAY: "tracking error over {limit} rad",
-    NOT_ENABLED: "the drive left operation enabled",
-}
-
-# Violations after which the loop cannot bring the arm to rest: no feedback, a drive that
-# does not obey, an actuator that is all but lost. The brakes can.
-UNCONTROLLED: Final = frozenset({NOT_FINITE, DRIVE_FAULT, NOT_ENABLED, STALE, RUNAWAY, RHO_LOW})
-
-_STATUS_FAULT = 0x0008  # CiA 402 statusword, bit 3
-_STATE_MASK = 0x006F  # its bits that spell the state
-_ENABLED = 0x0027
+FOLLOWING: Final = (State.RUN, State.DEGRADED)
+"""States in which the arm follows its reference."""
 
 
-@numba.njit(cache=True)
-def _check(
-    rec: F64,
-    statusword: NDArray[np.int64],
-    saturated: NDArray[np.int64],
-    torque_limit: F64,
-    limits: F64,
-    moving: bool,
-) -> tuple[int, int]:
-    """Return (violation, joint); updates ``saturated`` (n,), cycles at the limit in a row.
+class Trigger(StrEnum):
+    """What makes the run leave a state; the text is that of the documentation."""
 
-    What cannot be ramped down comes first, whichever joint it is.
+    OPENED = "the buses are open"
+    READY = "every drive answers, is what the robot file says, and its pose is within limits"
+    REFUSED = "a start-up check fails, or the operator stops"
+    ENABLED = "every drive is in operation enabled"
+    NOT_ARMED = "some drive is not"
+    LOSS = "verdict actuator loss on some joint"
+    NO_LOSS = "no such verdict any more"
+    DURATION = "`duration_s` is over"
+    OPERATOR = "operator stop (SIGINT, SIGTERM, SIGHUP)"
+    RAMP = "a limit of the kind *ramp*"
+    QUICK = "a limit of the kind *quick stop*"
+    AT_REST = "the ramp is over"
+    OFF = "every drive is off, and the brakes had their time"
+    NOT_OFF = "some drive does not say that it is off"
+    GONE = "a bus goes away, or an error of the loop itself"
+
+
+class Action(StrEnum):
+    """What is done on the way; the text is that of the documentation."""
+
+    CONFIGURE = "set the drives up, power on, no torque"
+    ENABLE = "enable; hold the measured pose"
+    FOLLOW = "follow the reference, blended in from the measured pose"
+    NOTE = "note it"
+    RAMP = "bring the reference to rest under control"
+    KEEP_RAMP = "the ramp goes on; note it"
+    QUICK_STOP = "quick stop in every drive, no torque"
+    DISABLE = "torque off, brakes close"
+    END = "power off by service message; end"
+    LAST_WORD = "quick stop as the last word on every bus that is left; power off; end"
+
+
+SAME_CYCLE: Final = "the same cycle"
+_RAMP_OVER: Final = "`stop_ramp_s`"
+
+
+@dataclass(frozen=True, slots=True)
+class Edge:
+    """One way from a state to another.
+
+    Attributes:
+        source: State that is left.
+        trigger: What makes the run leave it.
+        target: State that is entered.
+        action: What is done.
+        deadline: How soon, as documented.
     """
-    for i in range(rec.shape[1]):
-        for row in (signals.Q, signals.V, signals.QD, signals.VD, signals.TAU_LAW, signals.TAU_CMD):
-            if not np.isfinite(rec[row, i]):
-                return NOT_FINITE, i
-        if statusword[i] & _STATUS_FAULT:
-            return DRIVE_FAULT, i
-        if rec[signals.AGE, i] >= limits[1]:
-            return STALE, i
-        if moving and statusword[i] & _STATE_MASK != _ENABLED:
-            return NOT_ENABLED, i
-        if abs(rec[signals.Q, i] - rec[signals.QD, i]) > 2.0 * limits[0]:
-            return RUNAWAY, i
-        if rec[signals.VERDICT, i] == signals.ACTUATOR_LOSS and rec[signals.RHO_HAT, i] < limits[2]:
-            return RHO_LOW, i
-    for i in range(rec.shape[1]):
-        if abs(rec[signals.Q, i] - rec[signals.QD, i]) > limits[0]:
-            return TRACKING, i
-        if abs(rec[signals.TAU_CMD, i]) >= torque_limit[i]:
-            saturated[i] += 1
-            if saturated[i] >= limits[3]:
-                return SATURATED, i
-        else:
-            saturated[i] = 0
-    return OK, -1
+
+    source: State
+    trigger: Trigger
+    target: State
+    action: Action
+    deadline: str = SAME_CYCLE
+
+
+def _ways_down(source: State) -> tuple[Edge, ...]:
+    """Return the stops of a state in which the arm follows its reference."""
+    return (
+        Edge(source, Trigger.QUICK, State.FAULT, Action.QUICK_STOP),
+        Edge(source, Trigger.RAMP, State.SAFE_STOP, Action.RAMP),
+        Edge(source, Trigger.OPERATOR, State.SAFE_STOP, Action.RAMP),
+        Edge(source, Trigger.DURATION, State.FINISH, Action.RAMP),
+        Edge(source, Trigger.GONE, State.IDLE, Action.LAST_WORD),
+    )
+
+
+def _on_the_ramp(source: State) -> tuple[Edge, ...]:
+    """Return the edges of a state in which the arm is brought to rest."""
+    return (
+        Edge(source, Trigger.QUICK, State.FAULT, Action.QUICK_STOP),
+        Edge(source, Trigger.RAMP, source, Action.KEEP_RAMP),
+        Edge(source, Trigger.OPERATOR, source, Action.KEEP_RAMP),
+        Edge(source, Trigger.AT_REST, State.FAULT, Action.DISABLE, _RAMP_OVER),
+        Edge(source, Trigger.GONE, State.IDLE, Action.LAST_WORD),
+    )
+
+
+EDGES: Final = (
+    Edge(State.IDLE, Trigger.OPENED, State.CONFIGURE, Action.CONFIGURE, "1 s for each answer"),
+    Edge(State.CONFIGURE, Trigger.READY, State.ARM, Action.ENABLE),
+    Edge(State.CONFIGURE, Trigger.REFUSED, State.IDLE, Action.END, "0.1 s for each answer"),
+    Edge(State.CONFIGURE, Trigger.GONE, State.IDLE, Action.LAST_WORD),
+    Edge(State.ARM, Trigger.ENABLED, State.RUN, Action.FOLLOW),
+    Edge(State.ARM, Trigger.NOT_ARMED, State.FAULT, Action.QUICK_STOP, f"{ARM_TIMEOUT_S:g} s"),
+    Edge(State.ARM, Trigger.QUICK, State.FAULT, Action.QUICK_STOP),
+    Edge(State.ARM, Trigger.RAMP, State.FAULT, Action.QUICK_STOP),
+    Edge(State.ARM, Trigger.OPERATOR, State.FAULT, Action.QUICK_STOP),
+    Edge(State.ARM, Trigger.GONE, State.IDLE, Action.LAST_WORD),
+    Edge(State.RUN, Trigger.LOSS, State.DEGRADED, Action.NOTE),
+    *_ways_down(State.RUN),
+    Edge(State.DEGRADED, Trigger.NO_LOSS, State.RUN, Action.NOTE),
+    *_ways_down(State.DEGRADED),
+    *_on_the_ramp(State.FINISH),
+    *_on_the_ramp(State.SAFE_STOP),
+    Edge(State.FAULT, Trigger.OFF, State.IDLE, Action.END, "`brake_s`"),
+    Edge(State.FAULT, Trigger.NOT_OFF, State.IDLE, Action.END, f"{OFF_TIMEOUT_S:g} s"),
+    Edge(State.FAULT, Trigger.GONE, State.IDLE, Action.LAST_WORD),
+)
+"""Every edge. OPENED and REFUSED are taken by set-up, before there is a loop."""
+
+_BY_SOURCE: Final = {(edge.source, edge.trigger): edge for edge in EDGES}
+
+
+def edge(source: State, trigger: Trigger) -> Edge | None:
+    """Return the edge that a trigger takes, or None where it means nothing. Real-time safe."""
+    return _BY_SOURCE.get((source, trigger))
 
 
 class Supervisor:
     """Watches every cycle of a run."""
 
-    def __init__(self, table: SupervisorTable, torque_limit: F64, period_s: float) -> None:
+    def __init__(self, table: SupervisorTable, joints: JointLimits, period_s: float) -> None:
         """Take the limits.
 
         Args:
             table: The scenario's ``[supervisor]``.
-            torque_limit: (n,), Nm, as the commands are clipped to.
+            joints: What each joint may do.
             period_s: Control period, s.
         """
+        n = joints.torque.shape[0]
         self._table = table
-        self._torque_limit = torque_limit
-        self._saturated = np.zeros(torque_limit.shape[0], dtype=np.int64)
-        self._limits = np.array(
-            [
-                table.tracking_error_rad,
-                float(table.stale_cycles),
-                table.rho_min,
-                max(table.saturation_s / period_s, 1.0),
-            ]
-        )
+        self._joints = joints.rows(table, period_s)
+        self._limits = limits.numbers(table, period_s)
+        self._counts = np.zeros((2, n), dtype=np.int64)
+        self._before = np.full(n, np.nan)
+        self._late_limit = table.overruns_in_a_row
 
-    def check(self, rec: F64, statusword: NDArray[np.int64], moving: bool) -> tuple[int, int]:
+    def check(
+        self, rec: F64, statusword: I64, emergency: I64, state: State, late: int
+    ) -> tuple[int, int]:
         """Return (violation, joint index), (OK, -1) when all is well. Real-time safe.
 
         Args:
             rec: The cycle's record, (15, n).
             statusword: CiA 402 statusword of each drive, (n,).
-            moving: Whether every drive must be in operation enabled.
+            emergency: Last emergency error code of each drive, (n,); 0: none.
+            state: Of the run.
+            late: Overruns in a row.
         """
-        found: tuple[int, int] = _check(
-            rec, statusword, self._saturated, self._torque_limit, self._limits, moving
-        )
-        return found
+        phase = 1 if state in MOVING else 0 if state is State.ARM else 2
+        violation, joint = limits.find(
+            rec, statusword, emergency, self._counts, self._before, self._joints, self._limits,
+            phase,
+        )  # fmt: skip
+        if violation == OK and late >= self._late_limit:
+            return limits.OVERRUNS, -1
+        return violation, joint
 
-    def reason(self, violation: int, joint: str) -> str:
-        """Return the violation as a line for people."""
+    def reason(self, violation: int, joint: int, name: str, detail: str = "") -> str:
+        """Return the violation as a line for people.
+
+        Args:
+            violation: From :meth:`check`.
+            joint: Index of the joint, -1 where it is none's.
+            name: Its name.
+            detail: What the law raised.
+        """
         table = self._table
-        limit = {
-            STALE: table.stale_cycles,
-            TRACKING: table.tracking_error_rad,
-            RUNAWAY: 2.0 * table.tracking_error_rad,
-            RHO_LOW: table.rho_min,
-            SATURATED: table.saturation_s,
+        limit: object = {
+            limits.STALE: table.stale_cycles,
+            limits.TRACKING: table.tracking_error_rad,
+            limits.RUNAWAY: 2.0 * table.tracking_error_rad,
+            limits.RHO_LOW: table.rho_min,
+            limits.SATURATED: table.saturation_s,
+            limits.POSITION: table.position_margin_rad,
+            limits.OVERRUNS: table.overruns_in_a_row,
+            limits.LAW_RAISED: detail,
         }.get(violation)
-        return f"{joint}: {REASONS[violation].format(limit=limit)}"
+        row = {limits.VELOCITY: 2, limits.OVERSPEED: 2, limits.TORQUE: 3, limits.TORQUE_RATE: 4}
+        if violation in row:
+            scale = 2.0 if violation == limits.OVERSPEED else 1.0
+            limit = f"{scale * self._joints[row[violation], joint]:.4g}"
+        text = BY_VIOLATION[violation].reason.format(limit=limit)
+        return text if joint < 0 else f"{name}: {text}"

@@ -73,6 +73,7 @@ class MitDrives:
             self._lookups[spec.bus][spec.node_id] = d
         self.command = self.objects[:, slots.COMMAND]
         self.operation_enabled = self.objects[:, slots.ENABLED]
+        self.objects[:, slots.LETS_GO] = 1  # there is no other stop
         self.commands = self.objects[:, slots.COMMANDS]
         self.senders = np.zeros(_CAPACITY, dtype=np.int32)
         self.synced = self.switched = False

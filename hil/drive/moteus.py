@@ -78,6 +78,7 @@ class MoteusDrives:
         self.mode = self._own[:, columns.MODE]
         self.command = self.objects[:, slots.COMMAND]
         self.operation_enabled = self.objects[:, slots.ENABLED]
+        self.objects[:, slots.LETS_GO] = 1  # there is no other stop
         self.commands = self.objects[:, slots.COMMANDS]
         self.senders = np.zeros(_CAPACITY, dtype=np.int32)
         self.synced = self.switched = False

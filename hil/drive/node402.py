@@ -173,13 +173,14 @@ class Cia402Drives:
         return bool(self.objects[drive, slots.ENABLED])
 
     def fault(self, drive: int, error_code: int, lasting: bool = False) -> None:
-        """Put a drive into fault, as it would do for a cause of its own.
+        """Put a drive into fault for a cause of its own: it lets go of its joint.
 
         Args:
             drive: Drive.
             error_code: EMCY error code, also in 603Fh (CiA 402-2 lists them).
             lasting: The cause stays until :meth:`clear_cause`; resets are refused.
         """
+        self.objects[drive, slots.LETS_GO] = 1
         self._nodes.fault(drive, error_code, lasting)
 
     def clear_cause(self, drive: int) -> None:
@@ -198,6 +199,7 @@ class Cia402Drives:
     def switch_off(self, drive: int) -> None:
         """Take a drive's supply away: its state is lost, its brake closes, it leaves the bus."""
         self._nodes.switch_off(drive)
+        self.objects[drive, slots.LETS_GO] = 1
 
     def switch_on(self, drive: int) -> None:
         """Let a drive power on: its boot-up message follows."""

@@ -35,23 +35,16 @@ def _latch(
 
 
 @numba.njit(cache=True)
-def torque_commands(objects: I64, scale: F64, command: F64, released: NDArray[np.bool_]) -> bool:
-    """Put what the drives want into the motors and say whether a brake is to move.
+def torque_commands(objects: I64, scale: F64, command: F64) -> None:
+    """Put what the drives want into the motors.
 
     Args:
         objects: The drives, (n, N_OBJECTS).
         scale: ``ScaleTable.values``.
         command: Out, (n,), Nm: torque each current loop is to follow; 0 where off.
-        released: Brakes that are open now, (n,).
-
-    Returns:
-        Whether some drive's enable bit and its brake disagree.
     """
-    change = False
     for i in range(command.shape[0]):
         command[i] = objects[i, slots.COMMAND] * scale[TORQUE_PER_COUNT, i]
-        change = change or (objects[i, slots.ENABLED] == 1) != released[i]
-    return change
 
 
 class Sensors:

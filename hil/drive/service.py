@@ -54,6 +54,8 @@ def refresh(objects: I64, d: int) -> None:
         if command != row[slots.TARGET_TORQUE]:
             status |= states.INTERNAL_LIMIT
     row[slots.ENABLED] = 1 if enabled else 0
+    if enabled:
+        row[slots.LETS_GO] = 0
     row[slots.COMMAND] = command
     row[slots.STATUSWORD] = status
 

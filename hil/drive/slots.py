@@ -46,7 +46,8 @@ TIMED_OUT: Final = 24  # 1: the watchdog fired and has not been dealt with
 STANDSTILL: Final = 25  # speed that counts as standing, counts/s
 DUMMY: Final = 26  # where RPDO gaps (objects 0002h to 0007h) go
 OFF_BUS: Final = 27  # why the node neither sends nor hears, bits as below; 0: it does both
-N_OBJECTS: Final = 28
+LETS_GO: Final = 28  # 1: when it is off, it does not hold the joint until the brake has closed
+N_OBJECTS: Final = 29
 
 # --- bits of OFF_BUS
 DISCONNECTED: Final = 1  # by itself, or without a supply

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from dftc_rt.analysis.metrics import running_mask, tracking_error
 from dftc_rt.control import signals
+from dftc_rt.controller import joint_limits
 from dftc_rt.dynamics.robot import load_robot
 from dftc_rt.dynamics.tabulated import TabulatedTerms
 from dftc_rt.log.run import Run
-from dftc_rt.rt.supervisor import Supervisor
+from dftc_rt.rt.supervisor import State, Supervisor
 from tests.benchmarks import bare_calls
 from tests.benchmarks.closed_loop import Timed, simulate
 from tests.benchmarks.interleaved import Samples, measure, ratio
@@ -94,7 +95,8 @@ def _parts(timed: Timed) -> dict[str, Callable[[int], None]]:
     t = [k / opened.scenario.executor.rate_hz for k in range(len(recs))]
     table = _table(timed)
     status = np.full(n, _ENABLED, dtype=np.int64)
-    supervisor = Supervisor(opened.scenario.supervisor, parts.torque_limit, 1e-3)
+    supervisor = Supervisor(opened.scenario.supervisor, joint_limits(parts), 1e-3)
+    no_emergency = np.zeros(n, dtype=np.int64)
     motion = np.empty((3, n))
     parts.law.start(q[0], v[0])
     parts.terms.update(q[0], v[0], *desired[0])
@@ -114,7 +116,7 @@ def _parts(timed: Timed) -> dict[str, Callable[[int], None]]:
         "local terms, exact": each(lambda k: parts.terms.update(q[k], v[k], *desired[k])),
         "local terms, tabulated": each(lambda k: table.update(k, q[k], v[k])),
         "law and estimators": each(lambda k: parts.law.update(recs[k], inertia, bias)),
-        "supervisor": each(lambda k: supervisor.check(recs[k], status, True)),
+        "supervisor": each(lambda k: supervisor.check(recs[k], status, no_emergency, State.RUN, 0)),
         "an empty call": each(lambda k: None),
     }
 

@@ -10,12 +10,19 @@ import pytest
 from dftc_rt.cli.session import open_session
 from dftc_rt.cli.simulate import run_simulation
 
+SAFE_S = 2.0 + 0.020 + 0.001  # fault, watchdog or stale_cycles, one cycle
 BASE = ("duration_s=4", "rig.drive.watchdog_s=0.02")
 
 
 def simulated(*faults: str) -> tuple[Any, Any]:
     opened = open_session("panda_shoulder_loss", [*BASE, f"fault=[{', '.join(faults)}]"])
     return run_simulation(opened, progress=False)
+
+
+def still_moving_s(run: Any) -> float:
+    """Return when, in rig time, some joint last had torque or moved."""
+    busy = (np.asarray(run.rig["tau_applied"]) != 0.0) | (np.asarray(run.rig["v"]) != 0.0)
+    return float(np.asarray(run.rig["t"])[np.flatnonzero(busy.any(axis=1))[-1]])
 
 
 def worst_error(run: Any) -> float:
@@ -62,3 +69,14 @@ def test_a_controller_off_the_bus_stops_the_arm() -> None:
     assert np.asarray(run.cycle["t"])[-1] < 3.5
     speed = np.abs(np.asarray(run.rig["v"])[-1])
     assert speed.max() < 0.05
+
+
+@pytest.mark.parametrize("keys", ["kind='frame_loss'", "kind='frame_corruption', retransmit=false"])
+def test_a_tenth_of_all_frames_lost_on_all_buses_is_survived(keys: str) -> None:
+    run, outcome = simulated(
+        *(f"{{{keys}, bus='can{bus}', probability=0.1, start_s=2}}" for bus in range(3))
+    )
+    assert outcome.reason == ""
+    assert outcome.counters.missed > 1000
+    assert worst_error(run) < 5.0
+    assert not (np.asarray(run.cycle["verdict"]) == 1).any()

@@ -57,12 +57,15 @@ def leaves_nothing(run: Started, pids: list[int]) -> None:
     assert not [p for p in Path("/dev/shm").glob("*dftc*") if p.stat().st_uid == os.getuid()]
 
 
-def off_after(run: Run, last_command_s: float) -> None:
-    """Torque is off and brakes are closed a watchdog later, in rig time, and stay so."""
+def off_after(run: Run, last_command_s: float, brake_s: float = 0.0) -> None:
+    """Torque is off and brakes are closed a watchdog later, in rig time, and stay so.
+
+    Drives that let go give the brakes ``brake_s`` more.
+    """
     assert run.rig is not None
     t, v, tau = run.rig["t"], run.rig["v"], run.rig["tau_applied"]
     # The step that finds the watchdog expired logs what acted until then.
-    late = np.flatnonzero(t > last_command_s + WATCHDOG_S + PERIOD_S)[1:]
+    late = np.flatnonzero(t > last_command_s + WATCHDOG_S + brake_s + PERIOD_S)[1:]
     assert late.size > 0
     assert np.all(tau[late] == 0.0)
     assert np.all(v[late] == 0.0)

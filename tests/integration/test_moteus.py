@@ -26,6 +26,7 @@ from tests.integration.commands import (
 )
 from tests.integration.test_hil import leaves_nothing, off_after
 
+BRAKE_CLOSE_S = 0.02  # of the emulated drives, which let go
 MOTEUS = ("--set", 'bus.profile="moteus"', "--set", "robot.joints_per_bus=4")
 SHORT = ("--set", "duration_s=1.0", "--set", "fault[0].start_s=0.4")
 SHOULDER = 1
@@ -208,4 +209,4 @@ def test_killed_controller_leaves_the_drives_to_their_watchdogs(
     assert logged.rig is not None
     fresh = logged.rig["cmd_age"][:, 0] == 1.0
     assert np.any(logged.rig["tau_applied"][fresh][-1] != 0.0)
-    off_after(logged, float(logged.rig["t"][fresh][-1]))
+    off_after(logged, float(logged.rig["t"][fresh][-1]), BRAKE_CLOSE_S)

@@ -40,9 +40,16 @@ def test_a_law_that_raises(made: list[InProcessRig], monkeypatch: pytest.MonkeyP
         return update(rec, inertia, bias, load)
 
     monkeypatch.setattr(law, "update", fail)
-    with pytest.raises(FloatingPointError):
-        simulate.run_simulation(opened)
-    assert calls[0] == 300
+    run, outcome = simulate.run_simulation(opened)
+    assert (outcome.end_state, outcome.reason) == (
+        "safe stop", "the law raised FloatingPointError: a law of one's own",
+    )  # fmt: skip
+    assert calls[0] == 300  # and it is not asked again
+    assert run.rig is not None
+    at = int(np.flatnonzero(run.cycle["state"] == 6)[0])  # the first cycle after it
+    assert np.any(run.rig["v"][at - 1] != 0.0)
+    assert not run.rig["tau_applied"][at + 1 :].any()
+    assert not run.rig["v"][at + 1 :].any()
     assert not made[0].rig.drives.operation_enabled.any()
     assert not made[0].rig.drives.command.any()
 
@@ -54,6 +61,17 @@ def test_a_start_from_which_the_blend_would_be_too_fast_is_refused(
     opened = open_session("panda_shoulder_loss", ["duration_s=2", far])
     with pytest.raises(InputError, match="rad/s"):
         simulate.run_simulation(opened)
+    assert not made[0].rig.drives.operation_enabled.any()
+
+
+def test_a_pose_beyond_the_joint_limits_is_refused_in_one_line(made: list[InProcessRig]) -> None:
+    beyond = "rig.plant.q0_rad=[0.0, -0.5, 0.0, 0.1, 0.0, 1.6, 0.7]"  # joint 4 ends at -0.07
+    opened = open_session("panda_shoulder_loss", ["duration_s=2", beyond])
+    with pytest.raises(InputError) as refused:
+        simulate.run_simulation(opened)
+    assert "\n" not in str(refused.value)
+    assert "panda_joint4 (node 4 on can1): is at 0.100 rad" in str(refused.value)
+    assert refused.value.exit_code == 2
     assert not made[0].rig.drives.operation_enabled.any()
 
 

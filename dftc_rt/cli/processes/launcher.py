@@ -24,6 +24,7 @@ _LOOK_S = 0.05
 _END_PATIENCE_S = 5.0
 _STOP_PATIENCE_S = 10.0
 _RECORDERS = 5
+_HANG_S = 2.0  # of a controller or a recorder that does nothing any more
 
 Function = Callable[[], dict[str, Any]]
 
@@ -40,6 +41,7 @@ class Ended:
         trouble: One line for each thing that went wrong besides.
         interrupted: Whether the operator stopped the run.
         rig_failed: The rig ended before the controller.
+        recorder_failed: No recorder could be kept alive: the log is not whole.
     """
 
     controller: dict[str, Any] = field(default_factory=dict)
@@ -49,6 +51,21 @@ class Ended:
     trouble: list[str] = field(default_factory=list)
     interrupted: bool = False
     rig_failed: bool = False
+    recorder_failed: bool = False
+
+
+class _Progress:
+    """Tells a count that stands still from one that goes on."""
+
+    def __init__(self) -> None:
+        self._count, self._since = -1, 0.0
+
+    def stands(self, count: int, should_move: bool) -> bool:
+        """Return whether a count that should move has been the same for too long."""
+        now = time.monotonic()
+        if count != self._count or not should_move:
+            self._count, self._since = count, now
+        return now - self._since > _HANG_S
 
 
 class Launcher:
@@ -64,6 +81,7 @@ class Launcher:
         log: Path,
         watch: Callable[[Rings], None],
         crash_s: float = 0.0,
+        real_time: bool = True,
     ) -> None:
         """Prepare; :meth:`run` starts.
 
@@ -76,7 +94,8 @@ class Launcher:
             log: First file.
             watch: Called a few times a second while the controller runs.
             crash_s: How long the rig goes on without a controller that was killed in its
-                loop, s: the drives' watchdogs act, and the log shows it.
+                loop or lost a bus, s: the drives' watchdogs act, and the log shows it.
+            real_time: Whether a controller that makes no cycle for long hangs.
         """
         self._rings = rings
         self._flags = flags
@@ -86,6 +105,9 @@ class Launcher:
         self._crash_s = crash_s
         self._ended = Ended()
         self._requested_at = 0.0
+        self._real_time = real_time
+        self._cycles = _Progress()
+        self._logged = _Progress()
 
     def run(self) -> Ended:
         """Start everything, wait for the controller's end, and end everything."""
@@ -107,21 +129,21 @@ class Launcher:
                     self._flags.end = True
                     self._trouble(rig.report.get("error", "dftc-rig ended early"))
                     self._flags.stop = True
-                if recorder.poll() is not None and len(self._ended.logs) < _RECORDERS:
-                    self._trouble(
-                        recorder.report.get("error", "dftc-recorder ended early")
-                        + "; another one goes on"
-                    )
-                    recorder = self._start_recorder(recorder_role)
-                    children.append(recorder)
+                recorder = self._keep_recording(recorder, recorder_role, children)
                 self._watch(self._rings)
+                if self._real_time and self._cycles.stands(
+                    self._rings.cycle.written + self._rings.cycle.dropped,
+                    self._flags.running or controller.stopped,
+                ):
+                    self._trouble(f"dftc-controller made no cycle for {_HANG_S:g} s")
+                    controller.kill()
                 if self._requested_at and time.monotonic() - self._requested_at > _STOP_PATIENCE_S:
                     self._trouble("dftc-controller did not stop when asked; it was killed")
                     controller.kill()
             self._ended.controller = controller.report
             if "error" in controller.report:  # it could not log this itself
                 self._log_error(controller.report["error"])
-            if self._flags.running:
+            if self._flags.running or controller.report.get("bus_lost"):
                 time.sleep(self._crash_s)
             self._rings.end_controller()
             self._flags.end = True
@@ -131,6 +153,11 @@ class Launcher:
             for ring in self._rings.events:
                 ring.end()
             self._ended.recorder = self._finish(recorder)
+            if recorder.code and self._left() and len(self._ended.logs) < _RECORDERS:
+                recorder = self._start_recorder(recorder_role)  # for what the last one left
+                children.append(recorder)
+                self._ended.recorder = self._finish(recorder)
+            self._ended.recorder_failed |= bool(recorder.code)
         except BaseException:
             self._come_to_rest(children)  # whatever went wrong here, the robot is not dropped
             raise
@@ -140,6 +167,31 @@ class Launcher:
             for number, handler in before.items():
                 signal.signal(number, handler)
         return self._ended
+
+    def _keep_recording(
+        self, recorder: Child, role: Callable[[Path], dict[str, Any]], children: list[Child]
+    ) -> Child:
+        """Return the recorder, or another where it has ended or does nothing any more."""
+        ring = self._rings.cycle
+        if self._logged.stands(ring.written - ring.pending, ring.pending > 0):
+            recorder.kill()
+        if recorder.poll() is None or self._ended.recorder_failed:
+            return recorder
+        why = recorder.report.get("error", "dftc-recorder ended early")
+        if len(self._ended.logs) == _RECORDERS:
+            self._trouble(f"{why}; nothing is logged any more")
+            self._ended.recorder_failed = True
+            return recorder
+        self._trouble(f"{why}; another one goes on")
+        self._logged = _Progress()
+        another = self._start_recorder(role)
+        children.append(another)
+        return another
+
+    def _left(self) -> int:
+        """Return how many records and events nobody has logged."""
+        rings = (self._rings.cycle, self._rings.rig, *self._rings.events)
+        return sum(ring.pending for ring in rings)
 
     def _come_to_rest(self, children: list[Child]) -> None:
         """Ask the controller for a safe stop, and give it the time."""

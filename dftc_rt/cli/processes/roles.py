@@ -95,7 +95,7 @@ def controller(
         lockstep: No waiting, no real-time settings.
 
     Returns:
-        The outcome, and what the system refused.
+        The outcome, what the system refused, and whether a bus went away.
     """
 
     def stop() -> None:
@@ -115,9 +115,11 @@ def controller(
             real_time = RealTime(CONTROLLER_PRIORITY, last_core())
             refused = real_time.refused
         flags.running = True
+        bus_lost = False
         try:
             outcome = executor.run()
         except BusError as error:
+            bus_lost = True
             outcome = executor.outcome
             outcome.end_state, outcome.reason = "safe stop", f"bus lost: {error}"
             events.write(executor.t, ERROR, SOURCE, f"safe stop: {outcome.reason}")
@@ -127,7 +129,7 @@ def controller(
         rings.end_controller()
         if real_time is not None:
             real_time.release()
-    return {"outcome": dataclasses.asdict(outcome), "refused": refused}
+    return {"outcome": dataclasses.asdict(outcome), "refused": refused, "bus_lost": bus_lost}
 
 
 def rig_core(opened: Session) -> int:

@@ -274,4 +274,4 @@ def test_every_object_that_kernels_hold_is_one_a_drive_can_know() -> None:
     # The drive's matrix has no column for an effectiveness, a true position or a fault.
     names = {name for name in vars(slots) if name.isupper()}
     assert not {n for n in names if "RHO" in n or "TRUE" in n or "EFFECTIVE" in n}
-    assert slots.N_OBJECTS == 28
+    assert slots.N_OBJECTS == 29

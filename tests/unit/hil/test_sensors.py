@@ -96,13 +96,9 @@ def test_preset_draws_nothing() -> None:
     assert np.array_equal(latched(plain, zero, zero, zero), latched(preset, zero, zero, zero))
 
 
-def test_torque_commands_and_brakes_that_are_to_move() -> None:
+def test_torque_commands() -> None:
     found = objects(2)
     found[:, slots.COMMAND] = [100, -200]
-    found[:, slots.ENABLED] = [1, 0]
     command = np.zeros(2)
-    scale = table(2).values
-    assert torque_commands(found, scale, command, np.array([False, False]))
+    torque_commands(found, table(2).values, command)
     assert command == pytest.approx([5.0, -10.0])
-    assert not torque_commands(found, scale, command, np.array([True, False]))
-    assert torque_commands(found, scale, command, np.array([True, True]))

@@ -195,3 +195,30 @@ def test_a_queue_that_empties_in_time_is_forgiven() -> None:
         pair.cycle(k)
     assert pair.link.refused > 0
     assert pair.link.fault == ""
+
+
+@pytest.mark.parametrize(
+    ("asked", "sent", "altered"),
+    [
+        ([1.0, -2.0, 0.5], [1.0, -2.0, 0.5], 0),
+        ([np.nan, 2.0, 1.0], [0.0, 2.0, 1.0], 1),
+        ([np.inf, -np.inf, 1.0], [0.0, 0.0, 1.0], 2),  # and not the limit
+        ([1e300, -3.5, 3.0], [3.0, -3.0, 3.0], 2),
+    ],
+)
+def test_nothing_but_finite_torques_within_the_limit_reach_the_wire(
+    asked: list[float], sent: list[float], altered: int
+) -> None:
+    sheets = scales(3)
+    bus = SlowBus(drives_of(sheets))
+    drives = configs(sheets)
+    found = Cia402Client([bus], drives, 1000.0).configure()
+    cycle = Cia402Cycle(drives, 1, 1000.0)
+    link = DriveLink(
+        [bus], cycle, TickingClock(), 5e-4, lambda *_: None, torque_limit=np.full(3, 3.0)
+    )
+    link.start(found)
+    link.exchange(0, 0)
+    link.command(np.array(asked))
+    np.testing.assert_allclose(link.sent, sent, atol=0.03)
+    assert link.altered == altered

@@ -24,15 +24,17 @@ from dftc_rt.reference import Reference
 from dftc_rt.rt.clock import FakeClock, LockstepClock
 from dftc_rt.rt.drive_link import DriveLink
 from dftc_rt.rt.executor import Executor, Outcome
+from dftc_rt.rt.limits import JointLimits
 from dftc_rt.rt.supervisor import State
 
 F64 = NDArray[np.float64]
 PERIOD = 1_000_000  # ns
 JOINTS = ("shoulder", "elbow")
 HEADER = 7
-RUN, FINISH, ARM, STOP, FAULT = (
-    State.RUN, State.FINISH, State.ARM, State.SAFE_STOP, State.FAULT,
+RUN, DEGRADED, FINISH, ARM, STOP, FAULT = (
+    State.RUN, State.DEGRADED, State.FINISH, State.ARM, State.SAFE_STOP, State.FAULT,
 )  # fmt: skip
+LIMITS = JointLimits(np.full(2, -2.0), np.full(2, 2.0), np.full(2, 3.0), np.full(2, 100.0))
 FAULT_BIT = 0x0008
 ENABLED = 0x0027
 READY = 0x0021
@@ -45,6 +47,7 @@ class Link:
         self.clock = clock
         self.q, self.v = np.array([0.1, -0.2]), np.zeros(2)
         self.age, self.status = np.zeros(2), np.zeros(2, dtype=np.int64)
+        self.emergency = np.zeros(2, dtype=np.int64)
         self.sent = np.zeros(2)
         self.missed = 3
         self.refused = 0
@@ -122,8 +125,16 @@ class NoTerms:
 class Bench:
     """An executor with everything around it at hand."""
 
-    def __init__(self, clock: Any = None, **tables: Any) -> None:
-        supervisor = {"stop_ramp_s": 0.010, "saturation_s": 0.005, **tables.pop("supervisor", {})}
+    def __init__(
+        self, clock: Any = None, home: tuple[float, float] = (0.1, -0.2), **tables: Any
+    ) -> None:
+        supervisor = {
+            "stop_ramp_s": 0.010,
+            "velocity_factor": 1.5,
+            "saturation_s": 0.005,
+            "brake_s": 0.004,
+            **tables.pop("supervisor", {}),
+        }
         scenario = Scenario(
             name="bench",
             robot=RobotTable(name="arm2"),
@@ -133,6 +144,7 @@ class Bench:
         )
         self.clock = clock or FakeClock()
         self.link = Link(self.clock if clock is None else FakeClock())
+        self.link.q[:] = home
         self.law = Law()
         self.sink = MemorySink(HEADER + len(signals.NAMES) * 2)
         self.events: list[tuple[float, int, str, str]] = []
@@ -141,7 +153,7 @@ class Bench:
         self.unconfirmed: tuple[str, ...] = ()
         reference = Reference(ReferenceTable(kind="hold", blend_s=0.0), self.link.q.copy())
         self.executor = Executor(
-            scenario, JOINTS, np.array([100.0, 100.0]), self.clock, cast(DriveLink, self.link),
+            scenario, JOINTS, LIMITS, self.clock, cast(DriveLink, self.link),
             self.law, reference, NoTerms(), None, self.sink,
             lambda *event: self.events.append(event),
             lambda: len(self.link.ticks) > self.stop_at, self.shut_down,
@@ -356,6 +368,29 @@ def bus_fails(bench: Bench) -> None:
     bench.link.fault = "can1: bus-off"
 
 
+def emergency(bench: Bench) -> None:
+    bench.link.emergency[1] = 0x8120
+
+
+def too_much(bench: Bench) -> None:
+    bench.law.tau[1] = -100.1
+
+
+def law_raises(bench: Bench) -> None:
+    def fail(*_: object) -> int:
+        raise FloatingPointError("of one's own")
+
+    bench.law.update = fail  # type: ignore[method-assign,assignment]
+
+
+def overspeed(bench: Bench) -> None:
+    bench.link.v[1] = -9.1
+
+
+def too_fast(bench: Bench) -> None:
+    bench.link.v[1] = -4.6
+
+
 def break_at(bench: Bench, cycle: int, action: Callable[[Bench], None]) -> None:
     bench.link.on_cycle = lambda k: action(bench) if k == cycle else None
 
@@ -371,6 +406,10 @@ def break_at(bench: Bench, cycle: int, action: Callable[[Bench], None]) -> None:
         (runs_away, "elbow: tracking error over 1.0 rad"),
         (rho_low, "elbow: estimated effectiveness below 0.15"),
         (bus_fails, "can1: bus-off"),
+        (emergency, "elbow: the drive sent an emergency"),
+        (too_much, "elbow: the law asks for more than 100 Nm"),
+        (law_raises, "the law raised FloatingPointError: of one's own"),
+        (overspeed, "elbow: speed over 9 rad/s"),
     ],
 )
 def test_where_control_cannot_be_trusted_the_drives_are_quick_stopped(
@@ -390,6 +429,7 @@ def test_where_control_cannot_be_trusted_the_drives_are_quick_stopped(
     [
         (tracking, "elbow: tracking error over 0.5 rad", 0),
         (saturated, "elbow: torque saturated for 0.005 s", 4),
+        (too_fast, "elbow: speed over 4.5 rad/s", 0),
     ],
 )
 def test_otherwise_the_arm_is_brought_to_rest_first(
@@ -463,6 +503,8 @@ def test_skipped_ticks_are_told_to_the_law() -> None:
         (tracking, lambda bench: bench.link.q.__setitem__(1, -0.2 + 0.49)),
         (rho_low, lambda bench: bench.law.rho.__setitem__(1, 0.05)),  # without the verdict
         (saturated, lambda bench: bench.law.tau.__setitem__(1, 99.9)),
+        (too_much, lambda bench: bench.law.tau.__setitem__(1, -99.9)),
+        (too_fast, lambda bench: bench.link.v.__setitem__(1, 4.4)),
     ],
 )
 def test_just_within_the_limits_is_no_stop(
@@ -470,6 +512,116 @@ def test_just_within_the_limits_is_no_stop(
 ) -> None:
     break_at(bench, 8, just_within)
     assert bench.run().end_state == "done"
+
+
+@pytest.mark.parametrize(("position", "code"), [(-2.06, "safe stop"), (-2.04, "done")])
+def test_a_joint_beyond_its_limits_is_brought_to_rest(position: float, code: str) -> None:
+    bench = Bench(home=(0.1, -1.9))  # the joint may go to -2, and 0.05 more
+    bench.link.on_cycle = lambda k: bench.link.q.__setitem__(1, position) if k >= 8 else None
+    outcome = bench.run()
+    assert outcome.end_state == code
+    if code == "safe stop":
+        assert outcome.reason == "elbow: position beyond its limits by more than 0.05 rad"
+        assert bench.states == [ARM, RUN, STOP, FAULT]
+        ramp = bench.records[:, 4] == STOP
+        assert np.all(bench.row(signals.QD)[ramp][:, 1] == position)  # from where it is
+
+
+def test_a_torque_that_goes_to_and_fro_is_stopped_and_one_step_is_not() -> None:
+    bench = Bench()
+    bench.link.on_cycle = lambda k: bench.law.tau.__setitem__(1, 30.0 if k % 2 else -30.0)
+    outcome = bench.run()
+    assert bench.states == [ARM, RUN, STOP, FAULT]
+    assert outcome.reason == (
+        "elbow: torque changed by more than 50 Nm a cycle, 10 cycles in a row"
+    )
+    step = Bench()
+    step.link.on_cycle = lambda k: step.law.tau.__setitem__(1, 60.0 if k % 11 else -60.0)
+    assert step.run().end_state == "done"
+
+
+def test_overruns_in_a_row_bring_the_arm_to_rest() -> None:
+    bench = Bench(supervisor={"overruns_in_a_row": 3})
+    bench.link.cost = dict.fromkeys(range(6, 200), 1_500_000)
+    outcome = bench.run()
+    assert outcome.reason == "3 cycles in a row took longer than the period"
+    assert bench.states[:3] == [ARM, RUN, STOP]
+    assert np.count_nonzero(bench.records[:, 4] == RUN) == 3 + 3 + 1  # seen in the next cycle
+
+
+def test_now_and_then_an_overrun_is_none_in_a_row() -> None:
+    bench = Bench(supervisor={"overruns_in_a_row": 3})
+    for k in (6, 8, 14, 16):  # each is followed by a cycle in time
+        bench.link.cost[k] = 1_500_000
+    outcome = bench.run()
+    assert outcome.end_state == "done"
+    assert outcome.counters.overruns == 4
+
+
+def test_a_pose_that_changes_behind_a_closed_brake_is_not_enabled(bench: Bench) -> None:
+    bench.link.enables = False
+    break_at(bench, 2, lambda b: b.link.q.__setitem__(1, -0.26))
+    outcome = bench.run()
+    assert outcome.reason == "elbow: moved while its brake was closed"
+    assert bench.states == [ARM, FAULT]
+
+
+@pytest.mark.parametrize(
+    ("row", "value"),
+    [(row, value) for row in range(len(signals.NAMES)) for value in (np.nan, np.inf)],
+)
+def test_what_is_not_finite_anywhere_stops_the_run(row: int, value: float) -> None:
+    none_is_allowed = row in (signals.RHO_HAT, signals.RHO_STD, signals.RESIDUAL)
+    bench = Bench()
+    update = bench.law.update
+
+    def broken(rec: F64, inertia: F64, bias: F64, load: F64 | None = None) -> int:
+        status = update(rec, inertia, bias, load)
+        if len(bench.link.ticks) > 8:
+            rec[row, 0] = value
+        return status
+
+    bench.law.update = broken  # type: ignore[method-assign]
+    outcome = bench.run()
+    if (none_is_allowed and np.isnan(value)) or row == signals.RHO_STD:
+        assert outcome.end_state == "done"
+    else:
+        assert outcome.reason == "shoulder: a value that is not finite"
+        assert bench.states == [ARM, RUN, FAULT]
+
+
+def test_a_lost_actuator_is_degraded_operation_and_the_motion_goes_on(bench: Bench) -> None:
+    def lose_and_find(k: int) -> None:
+        bench.law.verdict[1] = signals.ACTUATOR_LOSS if 8 <= k < 14 else signals.HEALTHY
+        bench.law.rho[1] = 0.6
+
+    bench.link.on_cycle = lose_and_find
+    assert bench.run().end_state == "done"
+    assert bench.states == [ARM, RUN, DEGRADED, RUN, FINISH, FAULT]
+    assert np.count_nonzero(bench.records[:, 4] == DEGRADED) == 6
+    following = np.isin(bench.records[:, 4], (RUN, DEGRADED))
+    assert np.count_nonzero(following) == 20  # duration_s goes on through it
+    assert bench.texts[2:4] == ["degraded: elbow has lost torque", "no actuator loss any more"]
+
+
+def test_every_violation_of_a_degraded_run_stops_it_too(bench: Bench) -> None:
+    def lose_then(k: int) -> None:
+        if k >= 8:
+            bench.law.verdict[1], bench.law.rho[1] = signals.ACTUATOR_LOSS, 0.6
+        if k == 12:
+            tracking(bench)
+        if k == 15:
+            drive_fault(bench)
+
+    bench.link.on_cycle = lose_then
+    bench.run()
+    assert bench.states == [ARM, RUN, DEGRADED, STOP, FAULT]
+
+
+def test_drives_get_time_for_their_brakes(bench: Bench) -> None:
+    break_at(bench, 8, drive_fault)
+    bench.run()
+    assert np.count_nonzero(bench.records[:, 4] == FAULT) == 4  # brake_s
 
 
 def test_saturation_counts_only_without_a_break(bench: Bench) -> None:
@@ -511,6 +663,14 @@ def test_stop_while_running(bench: Bench) -> None:
     assert outcome.reason == "stop requested by the operator"
     assert bench.states == [ARM, RUN, STOP, FAULT]
     assert np.count_nonzero(bench.records[:, 4] == STOP) == 10
+
+
+def test_stop_while_coming_to_rest_is_told(bench: Bench) -> None:
+    bench.stop_at = 26
+    outcome = bench.run()
+    assert (outcome.end_state, outcome.reason) == ("interrupted", "stop requested by the operator")
+    assert bench.states == [ARM, RUN, FINISH, FAULT]
+    assert bench.texts.count("safe stop: stop requested by the operator") == 1
 
 
 # --- the recorder ----------------------------------------------------------------------------

@@ -40,7 +40,7 @@ class Bench:
             name="bench",
             robot=RobotTable(name="ur5"),
             bus=bus,
-            rig=RigTable(drive=DriveTable(watchdog_s=WATCHDOG_S)),
+            rig=RigTable(drive=DriveTable(watchdog_s=WATCHDOG_S, brake_close_s=0.0)),
         )
         self.sink = MemorySink(1 + 6 * n)
         self.wall = wall

@@ -1,0 +1,141 @@
+"""A run of ``dftc hil`` in real time, something that happens to it, and what is left of it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dftc_rt.errors import LogError
+from dftc_rt.log.reader import is_torn, read
+from dftc_rt.log.recover import recover
+from dftc_rt.log.run import Run
+from tests.integration.commands import PATIENT, Started, gone, until
+from tests.integration.forked import ForkServer
+
+SCENARIO = "panda_shoulder_loss"
+PERIOD_S = 0.001
+CYCLES = 20  # within which the arm is safe, where the controller lives
+LOST_S = 0.3  # of a log, at most
+RUN, DEGRADED, SAFE_STOP, FAULT, FINISH = 3, 4, 5, 6, 7
+NAMES = {"dftc-controller", "dftc-rig", "dftc-recorder"}
+F64 = NDArray[np.float64]
+
+
+@dataclass
+class Survived:
+    """A run that has ended.
+
+    Attributes:
+        code, err: Exit code and standard error.
+        log: The run as its files have it, recovered where they were torn.
+    """
+
+    code: int
+    err: str
+    log: Run
+
+    @property
+    def rig(self) -> dict[str, F64]:
+        assert self.log.rig is not None
+        return self.log.rig
+
+    def last_following_s(self) -> float:
+        """When the arm last followed its reference: the cycle in which something was found."""
+        following = np.isin(self.log.cycle["state"], (RUN, DEGRADED))
+        return float(self.log.cycle["t"][following][-1])
+
+    def said_its_end(self) -> bool:
+        """Whether the controller's last word is in the log."""
+        return any(event.text.startswith("ended: ") for event in self.log.events)
+
+    def states(self) -> list[int]:
+        column = self.log.cycle["state"].astype(int)
+        return [int(s) for k, s in enumerate(column) if k == 0 or s != column[k - 1]]
+
+    def safe_after_s(self) -> float:
+        """Rig time from which on no joint has torque or moves."""
+        busy = (self.rig["tau_applied"] != 0.0) | (self.rig["v"] != 0.0)
+        moving = np.flatnonzero(busy.any(axis=1))
+        assert moving.size, "the arm never moved: nothing is proven"
+        assert moving[-1] + 1 < self.rig["t"].size, "the log ends before the arm is safe"
+        return float(self.rig["t"][moving[-1] + 1])
+
+
+def pieces(folder: Path) -> list[Run]:
+    """Return the files of a run in their order, each recovered where it is torn."""
+    found = []
+    for k, path in enumerate(sorted(folder.glob("run*.mcap"), key=lambda p: (len(p.name), p.name))):
+        if is_torn(path):
+            whole = folder / f"whole{k}"
+            recover(path, whole)
+            path = whole
+        try:
+            found.append(read(path))
+        except LogError as error:
+            assert "no topic /cycle" in str(error)  # noqa: PT017 - it ended before a record came
+    return found
+
+
+def joined(runs: list[Run]) -> Run:
+    """Return one run made of several."""
+    first = runs[0]
+    for run in runs[1:]:
+        for name in first.cycle:
+            first.cycle[name] = np.concatenate([first.cycle[name], run.cycle[name]])
+        assert first.rig is not None
+        assert run.rig is not None
+        for name in first.rig:
+            first.rig[name] = np.concatenate([first.rig[name], run.rig[name]])
+    return replace(first, events=tuple(event for run in runs for event in run.events))
+
+
+def arguments(folder: Path, duration_s: float = 600.0) -> list[str | Path]:
+    return [
+        "hil", SCENARIO, "--bus", "unix", "--no-report", "--log", folder / "run.mcap", *PATIENT,
+        "--set", f"duration_s={duration_s}", "--set", "fault=[]",
+        "--set", "supervisor.overruns_in_a_row=1000",
+    ]  # fmt: skip
+
+
+def leaves_nothing(run: Started, pids: set[int]) -> None:
+    """No process, no bus directory, no named shared memory, no line of Python's."""
+    until(lambda: all(gone(pid) for pid in pids), "the children to end")
+    until(lambda: not list(run.folder.glob("dftc-*")), "the bus directory to go")
+    assert not [p for p in Path("/dev/shm").glob("*dftc*") if p.stat().st_uid == os.getuid()]
+    assert "Traceback" not in run.err
+
+
+def survive(
+    server: ForkServer,
+    folder: Path,
+    act: Callable[[Started], None] = lambda run: None,
+    *,
+    breaks: tuple[str, ...] = (),
+    duration_s: float = 600.0,
+    settings: tuple[str, ...] = (),
+) -> Survived:
+    """Start a run, let it move, do something to it, and see what is left."""
+    extra = [word for setting in settings for word in ("--set", setting)]
+    work = folder / "work"
+    with server.start(work, [*arguments(folder, duration_s), *extra], breaks) as run:
+        log = folder / "run.mcap"
+        run.until(lambda: set(run.children()) >= NAMES, "the processes to start")
+        pids = set(run.children().values())
+        run.until(lambda: log.exists() and log.stat().st_size > 60_000, "the run to move")
+        act(run)
+        pids |= set(run.children().values())
+        code = run.end()
+        leaves_nothing(run, pids)
+        found = pieces(folder)
+        assert found, run.err
+        return Survived(code, run.err, joined(found))
+
+
+def to(name: str, number: int) -> Callable[[Started], None]:
+    """Send a signal to one of the processes."""
+    return lambda run: os.kill(run.children()[name], number)
