@@ -362,12 +362,12 @@ class DriveLink:
 
     def _until_answered(self, latest: int) -> None:
         """Receive until every joint has answered or the read budget ends."""
-        cycle, waiter = self._cycle, self._waiter
-        waiter.wait(max(latest - self._clock.now(), 0) * 1e-9)
+        cycle = self._cycle
+        self._waiter.wait(max(latest - self._clock.now(), 0) * 1e-9)
         while True:
-            missing = 0
-            for bus in self._buses:
-                if waiter.ready(bus):
+            waiter, missing = self._waiter, 0  # a bus that is lost leaves another waiter behind
+            for at, bus in enumerate(self._buses):
+                if waiter.ready(at):
                     self._take(bus)
                 missing += cycle.missing(bus)
             if not missing:
@@ -375,4 +375,4 @@ class DriveLink:
             left = latest - self._clock.now()
             if left <= 0:
                 return
-            waiter.wait(left * 1e-9)
+            self._waiter.wait(left * 1e-9)

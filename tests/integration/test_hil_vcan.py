@@ -32,6 +32,7 @@ SLOW = [
     part
     for setting in (
         "bus.profile=mit", "executor.rate_hz=50", "duration_s=600", "fault=[]",
+        "control.law=computed_torque",
         "reference.kind=hold",
         "supervisor.tracking_error_rad=3", "supervisor.stale_cycles=1000",
         "supervisor.saturation_s=100", "supervisor.rho_min=0.001", "rig.drive.watchdog_s=5",
@@ -70,7 +71,7 @@ def test_faults_of_the_bus_over_vcan_likewise(profile: str, tmp_path: Path) -> N
     faults = (
         'fault=[{bus="can0", kind="frame_duplication", probability=0.2},'
         ' {bus="can0", kind="frame_delay", delay_s=0.0015, probability=0.2},'
-        ' {bus="can1", kind="bus_off", joint="panda_joint4", start_s=0.1, end_s=0.12}]'
+        ' {bus="can1", kind="bus_off", joint="panda_joint4", start_s=0.1, end_s=0.11}]'
     )
     settings = ["duration_s=0.2", "supervisor.stale_cycles=100", f"bus.profile={profile}", faults]
     as_in_one_process("panda_shoulder_loss", settings, tmp_path / "vcan.mcap", faulty=False)

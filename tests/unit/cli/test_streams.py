@@ -92,7 +92,7 @@ def test_a_terminal_without_greek_gets_a_summary() -> None:
         "sys.meta_path.insert(0, Finder())\n",
         # While the scenario is loaded.
         "import dftc_rt.cli.session as session\n"
-        "session.load_robot = lambda **_: interrupt()\n",
+        "session.scenario_robot = lambda *_: interrupt()\n",
         # While the kernels are compiled.
         "import dftc_rt.cli.simulate as simulate\n"
         "simulate.connect = lambda *_, **__: interrupt()\n",
