@@ -150,13 +150,15 @@ def _spread(run: Run, name: str, cycles: int, size: F64) -> Spread:
 def _end(run: Run, replayed: Replayed) -> Difference | None:
     """Whether a run that is equal to its last record has ended otherwise than the log says.
 
-    A log that is cut off says nothing, and no replay ends as a run whose bus was lost.
+    A log that is cut off says nothing, and no replay ends as a run whose last bus was lost.
     """
     ending = ending_of(run.events)
     last = len(replayed.cycle["t"]) - 1
     if replayed.ended and last + 1 < len(run.cycle["t"]):
         return Difference(*_when(run, last + 1), "", "end", "goes on", _told(replayed))
-    if ending is None or ending.cycles != last + 1 or ending.reason.startswith("bus lost"):
+    if ending is None or ending.cycles != last + 1:
+        return None
+    if not replayed.ended and ending.reason.startswith("bus lost"):
         return None
     logged = f"{ending.end_state} {ending.reason}".strip()
     if replayed.ended and _told(replayed).startswith(logged):

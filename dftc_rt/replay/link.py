@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
 from dftc_rt.drives.interface import DriveCycle
 from dftc_rt.log.run import Signals
+from dftc_rt.replay.causes import Causes
 from dftc_rt.rt.drive_link import DriveLink
 
 F64 = NDArray[np.float64]
+
+_GENERIC: Final = 0x1000  # CiA 301's generic error: which one it was does not matter here
 
 
 class EndOfLog(Exception):
@@ -43,7 +48,15 @@ class LoggedLink(DriveLink):
         at: Row of the log of the present cycle.
     """
 
-    def __init__(self, cycle: DriveCycle, log: Signals, period_ns: int, clock: LogClock) -> None:
+    def __init__(
+        self,
+        cycle: DriveCycle,
+        log: Signals,
+        period_ns: int,
+        clock: LogClock,
+        outside: Causes,
+        torque_limit: F64,
+    ) -> None:
         """Prepare.
 
         Args:
@@ -51,8 +64,13 @@ class LoggedLink(DriveLink):
             log: Rows of ``/cycle``, from the first cycle of the run on.
             period_ns: Control period, ns.
             clock: Told how late each cycle ends.
+            outside: What is wrong with buses and drives, beside what the rows hold.
+            torque_limit: Largest torque that can be commanded, (n,), Nm.
         """
-        super().__init__([], cycle, clock, 0.0, lambda source, text: None)
+        super().__init__(
+            [], cycle, clock, 0.0, lambda source, text: None, torque_limit=torque_limit
+        )
+        self._outside = outside
         self._log = log
         self._period_ns = period_ns
         self._log_clock = clock
@@ -80,6 +98,9 @@ class LoggedLink(DriveLink):
         self.age[:] = log["age"][at]
         self.status[:] = log["status"][at].astype(np.int64)
         self.missed += int(np.count_nonzero(self.age))
+        self.fault = self.fault or self._outside.faults.get(number, "")
+        if number in self._outside.emergencies:
+            self.emergency[self._outside.emergencies[number]] = _GENERIC
         self._log_clock.time = deadline + self._period_ns + self._late_ns()
 
     def _late_ns(self) -> int:

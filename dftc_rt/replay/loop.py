@@ -19,21 +19,21 @@ from dftc_rt.controller import assemble
 from dftc_rt.drives.interface import profile
 from dftc_rt.drives.wiring import bus_names, robot_drives
 from dftc_rt.errors import LogError
-from dftc_rt.log.ending import SOURCE
 from dftc_rt.log.run import Run, Signals, split
 from dftc_rt.log.schema import CYCLE_HEADER, cycle_layout
+from dftc_rt.replay.causes import causes
 from dftc_rt.replay.link import EndOfLog, LogClock, LoggedLink, numbers
 from dftc_rt.replay.stored import Stored
 from dftc_rt.ring import Event
 from dftc_rt.rt.clock import NS
 from dftc_rt.rt.executor import Executor, Outcome
+from dftc_rt.rt.supervisor import FOLLOWING
 
 F64 = NDArray[np.float64]
 
 MEASURED: Final = ("lateness", "compute", "exchange")
 """Fields that a clock has measured: no replay can have them."""
 _STATE: Final = CYCLE_HEADER.index("state")
-_OPERATOR: Final = "stop: stop requested by the operator"
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,8 @@ class Replayed:
         outcome: How the run ended, where it did.
         ended: Whether the executor came to its own end.
         parted: Whether the last row is in another state than the log's: from there on nothing
-            can be replayed, because the motion that was logged is of that other state.
+            can be replayed, because the motion that was logged is of that other state. Run and
+            degraded are the same motion.
     """
 
     cycle: Signals
@@ -85,10 +86,12 @@ def replay(stored: Stored, run: Run, where: str = "the log") -> Replayed:
         raise LogError(where, found, "a log of the run from its first cycle on")
     clock = LogClock()
     drives = robot_drives(robot, scenario.bus)
-    buses = len(bus_names(robot.joint_config))
+    buses = bus_names(robot.joint_config)
+    outside = causes(run.events, rate, robot.joints, buses)
     link = LoggedLink(
-        profile(scenario.bus.profile).cycle(drives, buses, rate), log, period_ns, clock
-    )
+        profile(scenario.bus.profile).cycle(drives, len(buses), rate), log, period_ns, clock,
+        outside, stored.parts.torque_limit,
+    )  # fmt: skip
     link.start_logged()
     sink = _Comparing(link, log, stored.parts.law, log["tau_cmd"] * stored.units)
     events: list[Event] = []
@@ -96,14 +99,9 @@ def replay(stored: Stored, run: Run, where: str = "the log") -> Replayed:
     def event(t: float, severity: int, source: str, text: str) -> None:
         events.append(Event(t, severity, source, text))
 
-    stops = {
-        round(each.t * rate)
-        for each in run.events
-        if each.source == SOURCE and each.text.endswith(_OPERATOR)
-    }
     executor = assemble(
-        scenario, stored.parts, link, clock, sink, event, lambda: int(cycles[link.at]) in stops,
-        tuple,
+        scenario, stored.parts, link, clock, sink, event,
+        lambda: int(cycles[link.at]) in outside.stops, tuple,
     )  # fmt: skip
     sink.executor = executor
     ended, parted = False, False
@@ -147,7 +145,8 @@ class _Comparing:
         """Keep the record, and tell the law what was sent where it was something else."""
         at = self.count
         self.count += 1
-        if self.records[at, _STATE] != self._states[at]:
+        states = self.records[at, _STATE], self._states[at]
+        if states[0] != states[1] and not set(states) <= set(FOLLOWING):
             raise _Parted
         if self.executor is not None:
             outcome = self.executor.outcome

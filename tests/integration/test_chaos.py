@@ -12,6 +12,8 @@ from tests.integration.chaos import draw, endure
 from tests.integration.forked import ForkServer
 from tests.integration.survival import SCENARIO
 
+pytestmark = pytest.mark.realtime
+
 RUNS = 5
 
 

@@ -35,6 +35,8 @@ from tests.integration.survival import (
     to,
 )
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.fixture(scope="module")
 def server() -> Iterator[ForkServer]:

@@ -126,8 +126,22 @@ def test_a_run_in_real_time_is_replayed(tmp_path: Path) -> None:
 # -- ticks without a cycle, cycles that are not in the log --------------------------------
 
 
-def late(settings: tuple[str, ...], delays: dict[int, float], path: Path) -> Run:
-    """A run on a clock of which some ticks are late, by so many periods; from its log."""
+def late(
+    settings: tuple[str, ...],
+    delays: dict[int, float],
+    path: Path,
+    wrong: dict[int, str] | None = None,
+    emergency: dict[int, int] | None = None,
+) -> Run:
+    """A run on a clock of which some ticks are late, by so many periods; from its log.
+
+    Args:
+        settings: Of the scenario.
+        delays: By cycle; that of -1 is the cycle in which the operator stops the run.
+        path: Of the log.
+        wrong: By cycle, what is wrong with a bus from then on.
+        emergency: By cycle, the joint whose drive sends one.
+    """
     opened = open_session(ARM2, settings)
     clock, events, stopped = FakeClock(), [], int(delays.pop(-1, 1e9))
     clock.lockstep = True  # the link's exchange ends with the rig's barrier
@@ -146,6 +160,15 @@ def late(settings: tuple[str, ...], delays: dict[int, float], path: Path) -> Run
         lambda: len(cycles) >= stopped,
     )  # fmt: skip
     clock.lockstep = False  # the executor's own overruns count
+    link, exchange = executor._link, executor._link.exchange
+
+    def meet(number: int, deadline: int) -> None:
+        exchange(number, deadline)
+        link.fault = link.fault or (wrong or {}).get(number, "")
+        if number in (emergency or {}):
+            link.emergency[(emergency or {})[number]] = 0x8130
+
+    link.exchange = meet  # type: ignore[method-assign]
     outcome = executor.run()
     event(executor.t, 1, "controller", ending(outcome))
     with opened.recorder(path, 0) as recorder:
@@ -177,6 +200,27 @@ def test_the_operators_stop_is_replayed(tmp_path: Path) -> None:
     logged = late(SHORT, {-1: 800}, tmp_path / "run.mcap")
     assert "stop requested by the operator" in logged.events[-1].text
     assert again(logged).first is None
+
+
+@pytest.mark.parametrize("cycle", [5, 800], ids=["arming", "running"])
+def test_what_was_wrong_with_a_bus_is_replayed(cycle: int, tmp_path: Path) -> None:
+    wrong = "can0: bus-off, as if nobody acknowledged"
+    logged = late(SHORT, {}, tmp_path / "run.mcap", {cycle: wrong})
+    assert f"; {wrong}" in logged.events[-1].text
+    found = again(logged)
+    assert found.first is None
+    assert found.cycles == found.logged
+    silent = [event for event in logged.events if not event.text.startswith("quick stop")]
+    assert again(dataclasses.replace(logged, events=silent)).first is not None
+
+
+def test_an_emergency_of_a_drive_that_goes_on_is_replayed(tmp_path: Path) -> None:
+    """Its statusword says nothing of it."""
+    logged = late(SHORT, {}, tmp_path / "run.mcap", emergency={700: 1})
+    assert "joint2: the drive sent an emergency" in logged.events[-1].text
+    found = again(logged)
+    assert found.first is None
+    assert found.cycles == found.logged
 
 
 def test_cycles_that_the_recorder_lost_end_the_replay(logged: Run, tmp_path: Path) -> None:
