@@ -49,6 +49,14 @@ class Survived:
         following = np.isin(self.log.cycle["state"], (RUN, DEGRADED))
         return float(self.log.cycle["t"][following][-1])
 
+    def last_command_s(self) -> float:
+        """Rig time of the last row before which a command had come to the first joint.
+
+        Without one, the age of the command grows from row to row.
+        """
+        came = np.flatnonzero(np.diff(self.rig["cmd_age"][:, 0]) <= 0.0) + 1
+        return float(self.rig["t"][came[-1]])
+
     def said_its_end(self) -> bool:
         """Whether the controller's last word is in the log."""
         return any(event.text.startswith("ended: ") for event in self.log.events)

@@ -62,11 +62,11 @@ def test_a_controller_that_is_gone_leaves_the_drives_to_their_watchdogs(
     ended = survive(server, tmp_path, to("dftc-controller", number))
     assert ended.code == 1
     assert says in ended.err
-    fresh = ended.rig["cmd_age"][:, 0] == 1.0
-    last = float(ended.rig["t"][fresh][-1])
+    last = ended.last_command_s()
     # The step that finds the watchdog expired logs what acted until then.
     assert ended.safe_after_s() <= last + WATCHDOG_S + 2.5 * PERIOD_S
-    assert ended.safe_after_s() > last + 0.5 * WATCHDOG_S  # it was the watchdog
+    # Nothing else stopped them: heartbeats come every 50 ms, and drives wait for one for 150 ms.
+    assert ended.safe_after_s() > last + 0.09
 
 
 def test_a_controller_that_pauses_finds_its_drives_stopped(
