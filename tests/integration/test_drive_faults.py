@@ -153,7 +153,7 @@ def test_a_drive_that_has_booted_is_known_to_be_off() -> None:
     assert "did not say within" not in ended.texts
     # The boot-up message ends the wait for a drive that does not answer.
     assert ended.cycle["t"][-1] == pytest.approx(START_S + 0.2, abs=0.005)
-    braked(ended, START_S + 0.001)
+    braked(ended, START_S + BRAKE_CLOSE_S + 0.002)
 
 
 def test_late_answers_within_the_limit_are_survived() -> None:

@@ -41,7 +41,10 @@ def test_three_joints_a_bus_fit_and_the_answers_take_their_time(tmp_path: Path) 
     assert code == 0, found
     # SYNC has one byte, TPDO1 eight; nothing can come sooner than their bits allow.
     wire = nominal_bits(1) + 3 * nominal_bits(8)
-    exchange = 1e6 * logged.cycle["exchange"][logged.cycle["state"] == RUN]
+    # After a cycle without all answers, one of these may be taken for one of the next.
+    whole = np.all(logged.cycle["age"] == 0.0, axis=1)
+    whole[1:] &= whole[:-1]
+    exchange = 1e6 * logged.cycle["exchange"][(logged.cycle["state"] == RUN) & whole]
     assert exchange.min() >= wire
     for bus in found["buses"].values():
         assert bus["dropped"] == bus["malformed"] == 0
