@@ -28,8 +28,6 @@ from dftc_rt.rt.clock import FakeClock
 from hil.simulate import in_process_rig
 from tests.integration.commands import DFTC, dftc, started
 
-pytestmark = pytest.mark.realtime
-
 ARM2 = "paper_example2_urdf"
 LOSS = 'fault=[{kind="loss", joint="joint1", start_s=0.4, effectiveness=0.5}]'
 SHORT = ("duration_s=1.0", LOSS)
@@ -112,6 +110,7 @@ def test_another_robot_another_plant_and_the_papers_law(tmp_path: Path) -> None:
         assert again(read(path)).first is None
 
 
+@pytest.mark.realtime
 def test_a_run_in_real_time_is_replayed(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     lost = 'fault=[{kind="frame_loss", bus="can0", probability=0.02}]'
@@ -244,6 +243,7 @@ def test_torn_logs(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert "before its run did" in capsys.readouterr().out
 
 
+@pytest.mark.realtime
 def test_a_run_in_two_files(tmp_path: Path) -> None:
     long = ("--no-report", "--log", tmp_path / "run.mcap", "--set", "duration_s=60")
     with started(tmp_path / "cwd", DFTC, "hil", ARM2, *long) as process:

@@ -13,8 +13,6 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.realtime
-
 ROOT = Path(__file__).parents[2]
 
 
