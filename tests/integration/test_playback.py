@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import re
 import signal
+import subprocess
 from pathlib import Path
 
+import can as can_package
 import numpy as np
 import pytest
 
@@ -15,7 +17,7 @@ from dftc_rt.bus import unix
 from dftc_rt.bus.frame_record import frames_of
 from dftc_rt.cli.main import run
 from dftc_rt.cli.session import open_session
-from tests.integration.commands import DFTC, dftc, repeatable, started
+from tests.integration.commands import DFTC, PATIENT, dftc, repeatable, started
 
 SHORT = ("--set", "duration_s=0.4", "--set", "fault[0].start_s=0.1")
 SCENARIO = "panda_shoulder_loss"
@@ -69,6 +71,41 @@ def test_frames_of_hil_and_simulate_are_the_same(simulated: Path, recorded: Path
         assert len(one) > 400 * 4
         assert one.tobytes() == other.tobytes()
     assert repeatable(simulated) == repeatable(recorded)
+
+
+@pytest.mark.realtime
+def test_frames_of_a_run_in_real_time(tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    options = ("--bus", "unix", "--frames", "--log", log, "--json", "--no-report", *PATIENT)
+    done = dftc("hil", SCENARIO, *options, *SHORT)
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert said["recorder_dropped"]["can"] == 0
+    can = load(log).can
+    assert can is not None
+    of_loop = can.records[can.records["t"] >= 0.0]
+    commands = of_loop["tx"] & (of_loop["id"] > 0x200) & (of_loop["id"] < 0x280)
+    assert np.count_nonzero(commands) == 7 * said["cycles"]
+    answers = ~of_loop["tx"] & (of_loop["id"] > 0x180) & (of_loop["id"] < 0x200)
+    # Those of the last cycles may be on their way when it ends; a late answer is logged too.
+    assert abs(np.count_nonzero(answers) - 7 * said["cycles"]) <= 7 * 50
+    for bus in range(3):
+        assert np.all(np.diff(of_loop["t"][of_loop["bus"] == bus]) >= 0.0)
+
+
+def test_can_utils_read_what_is_exported(recorded: Path, tmp_path: Path) -> None:
+    """A frame of candump's format is a line of Vector's, as can-utils makes it."""
+    dumped, vector = tmp_path / "run.log", tmp_path / "run.asc"
+    assert run(["export", str(recorded), "--to", "candump", "-o", str(dumped)]) == 0
+    buses = ("can0", "can1", "can2")
+    subprocess.run(["log2asc", "-I", dumped, "-O", vector, *buses], check=True)
+    converted = list(can_package.ASCReader(str(vector)))
+    exported = list(can_package.CanutilsLogReader(str(dumped)))
+    assert len(exported) > 400 * 7 * 2
+    assert len(converted) == len(exported)
+    for one, other in zip(converted, exported, strict=True):
+        assert (one.arbitration_id, bytes(one.data)) == (other.arbitration_id, bytes(other.data))
+        assert buses[one.channel] == other.channel
 
 
 def test_played_back_the_controller_sends_the_same_bits(recorded: Path, tmp_path: Path) -> None:
