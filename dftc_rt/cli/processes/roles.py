@@ -233,7 +233,13 @@ def rig(
 
 
 def recorder(
-    opened: Session, path: Path, epoch_ns: int, rings: Rings, *, with_rig: bool
+    opened: Session,
+    path: Path,
+    epoch_ns: int,
+    rings: Rings,
+    *,
+    with_rig: bool,
+    live_port: int | None = None,
 ) -> dict[str, Any]:
     """Drain the rings into the log; the whole of ``dftc-recorder``.
 
@@ -243,6 +249,7 @@ def recorder(
         epoch_ns: Unix time of t = 0, ns.
         rings: What to drain.
         with_rig: Whether there is a rig whose truth is logged.
+        live_port: Port of this machine for viewers; None: none.
 
     Returns:
         Counts, and records dropped by ring.
@@ -261,7 +268,9 @@ def recorder(
 
     on_sigterm(orphaned)
     frames = rings.frames
-    with opened.recorder(path, epoch_ns, with_rig=with_rig, with_frames=frames is not None) as log:
+    with opened.recorder(
+        path, epoch_ns, with_rig=with_rig, with_frames=frames is not None, live_port=live_port
+    ) as log:
         truth = rings.rig if with_rig else None
         done = record(rings.cycle, truth, rings.events, log, stop, frame_ring=frames)
     return dataclasses.asdict(done)
