@@ -29,6 +29,7 @@ from dftc_rt.cli.simulate import warm_up
 from dftc_rt.cli.status import Status
 from dftc_rt.drives.wiring import bus_names, fd_bitrate
 from dftc_rt.errors import DftcError
+from dftc_rt.log import live
 from dftc_rt.log.pieces import read_pieces
 from dftc_rt.rt.executor import Counters, Outcome
 from dftc_rt.rt.process import report_refused
@@ -48,6 +49,8 @@ def hil(
     set_: Sequence[str] = (),
     bus_dir: str | Path | None = None,
     frames: bool = False,
+    foxglove: bool = False,
+    foxglove_port: int | None = None,
     report: Annotated[bool, Parameter(negative="--no-report")] = True,
     json: bool = False,
 ) -> int:
@@ -67,6 +70,8 @@ def hil(
         set_: Override a key, ``a.b=value``; may be repeated.
         bus_dir: Directory of the user-space buses; default: a private one.
         frames: Log every frame that the controller sends and receives, to /can.
+        foxglove: Let Foxglove or Lichtblick on this machine watch the run, at ws://127.0.0.1:8765.
+        foxglove_port: The same at another port.
         report: Write an HTML report beside the log.
         json: Print one JSON object on stdout.
 
@@ -79,12 +84,30 @@ def hil(
     """
     opened = session.open_session(scenario, set_)
     choice = choose(opened, bus, lockstep=lockstep)
+    live_port = _live_port(foxglove, foxglove_port)
     with log_file(opened, log, report=report) as path:
         warm_up(opened)
         with tempfile.TemporaryDirectory(prefix="dftc-") as private:
             directory = Path(bus_dir) if bus_dir is not None else Path(private)
-            ended = _over(opened, choice, directory, Path(private), path, lockstep, frames, json)
+            ended = _over(
+                opened, choice, directory, Path(private), path, lockstep, frames, json, live_port
+            )
         return finish(opened, ended, report=report, json=json)
+
+
+def _live_port(foxglove: bool, port: int | None) -> int | None:
+    """Return the port for viewers, checked; None: nobody is to watch.
+
+    Raises:
+        InputError: It cannot be opened.
+    """
+    if not foxglove and port is None:
+        return None
+    option = "--foxglove" if port is None else "--foxglove-port"
+    port = live.PORT if port is None else port
+    live.check_port(port, option)
+    print(f"live: ws://{live.HOST}:{port}, for Foxglove and Lichtblick", file=sys.stderr)
+    return port
 
 
 def _over(
@@ -96,6 +119,7 @@ def _over(
     lockstep: bool,
     frames: bool,
     json: bool,
+    live_port: int | None,
 ) -> Ended:
     """Open the buses, run, and close them."""
     buses = RigBuses(bus_names(opened.robot.joint_config), opened.scenario.bus, choice)
@@ -111,7 +135,9 @@ def _over(
         where = f" (sockets in {directory})" if choice.kind == "unix" else ""
         print(f"bus: {choice.reason}{where}", file=sys.stderr, flush=True)
         with Status(opened, quiet=json or lockstep) as status:
-            return _launch(opened, choice, buses, path, lockstep, frames, status, abandon)
+            return _launch(
+                opened, choice, buses, path, lockstep, frames, status, abandon, live_port
+            )
     finally:
         buses.release()
 
@@ -125,6 +151,7 @@ def _launch(
     frames: bool,
     status: Status,
     abandon: Callable[[], None],
+    live_port: int | None,
 ) -> Ended:
     rings, flags = Rings.create(opened, frames=frames), Flags()
     epoch_ns = 0 if lockstep else time.time_ns()
@@ -161,7 +188,9 @@ def _launch(
         None if alone else functools.partial(
             roles.rig, opened, build, rings, flags, abandon, lockstep=lockstep
         ),
-        lambda file: roles.recorder(opened, file, epoch_ns, rings, with_rig=True),
+        lambda file: roles.recorder(
+            opened, file, epoch_ns, rings, with_rig=True, live_port=live_port
+        ),
         path,
         status.watch,
         crash_s=0.0 if lockstep else watchdog_s + _CRASH_MARGIN_S,

@@ -74,8 +74,9 @@ class Session:
         with_rig: bool = True,
         with_frames: bool = False,
         notes: Mapping[str, Mapping[str, str]] | None = None,
+        live_port: int | None = None,
     ) -> Recorder:
-        """Open the log; ``notes`` are further metadata records.
+        """Open the log; ``notes`` are further metadata records, on ``live_port`` viewers see it.
 
         Raises:
             LogError: The file cannot be created.
@@ -101,6 +102,8 @@ class Session:
             torque_limit=self.parts.torque_limit,
             epoch_ns=epoch_ns,
             link_frames=link_frames,
+            live_port=live_port,
+            live_name=f"dftc {self.scenario.name}",
         )
 
 

@@ -17,9 +17,10 @@ import numpy as np
 from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 from numpy.typing import NDArray
 
-from dftc_rt.errors import LogError
+from dftc_rt.errors import InputError, LogError
 from dftc_rt.log import cdr
 from dftc_rt.log.file import LogFile
+from dftc_rt.log.live import MARK, LiveServer, for_file
 from dftc_rt.log.schema import CDR_HEADER, SCENARIO, URDF, CanLayout, Layout
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ CHUNK_BYTES: Final = 256 * 1024
 FLUSH_S: Final = 0.2  # with a drain every 20 ms, a killed process loses less than 300 ms
 VIEW_HZ: Final = 50.0
 _ROWS_AT_ONCE: Final = 4096
+_WARNING: Final = 2
 _MEDIA_TYPES: Final = {".toml": "application/toml", ".urdf": "application/xml", ".csv": "text/csv"}
 
 
@@ -61,6 +63,8 @@ class Recorder:
         epoch_ns: int = 0,
         link_frames: LinkFrames | None = None,
         overwrite: bool = True,
+        live_port: int | None = None,
+        live_name: str = "dftc",
     ) -> None:
         """Create the file and write its attachments and metadata.
 
@@ -79,6 +83,9 @@ class Recorder:
             epoch_ns: Unix time of t = 0, ns; 0 for a simulation.
             link_frames: Link poses for ``/tf``; without it there is no ``/tf``.
             overwrite: Replace a file of that name.
+            live_port: Port of this machine on which viewers see it as it is logged; None: none.
+                One that cannot be opened is an event of the log, which matters more.
+            live_name: What they show as its name.
 
         Raises:
             LogError: The file cannot be created, or exists and may not be replaced.
@@ -105,7 +112,9 @@ class Recorder:
                 chunk_size=CHUNK_BYTES,
                 disable_seeking=True,
             ),
+            channel_filter=for_file,
         )
+        self._live: LiveServer | None = None
         facts = {"joints": json.dumps(cycle.joints), "epoch_ns": str(epoch_ns)}
         if can is not None:
             facts["buses"] = json.dumps(can.buses)
@@ -134,7 +143,17 @@ class Recorder:
                 "/robot_description", "std_msgs/msg/String", cdr.STRING_DEFINITION
             )
             topic.log(cdr.encode_string(urdf), log_time=epoch_ns)
+            topic.close()  # viewers have another of that name
         self.flush()
+        if live_port is not None:
+            self._description = cdr.encode_string(urdf)
+            self._descriptions = self._channel(
+                "/robot_description", "std_msgs/msg/String", cdr.STRING_DEFINITION, MARK
+            )
+            try:
+                self._live = LiveServer(self._context, live_port, live_name)
+            except InputError as error:
+                self.write_event(0.0, _WARNING, "recorder", str(error))
 
     def write_cycles(self, block: NDArray[np.float64]) -> None:
         """Log records of ``/cycle``, and what viewers need of them at 50 Hz or less.
@@ -147,6 +166,8 @@ class Recorder:
             EnvironmentLacksError: The disk is full.
         """
         times = self._write(self._cycles, block)
+        if len(block):
+            self.t = float(block[-1, 0])
         at = 0
         while (at := at + int(np.searchsorted(block[at:, 0], self._next_view))) < len(block):
             self._write_view(times[at], block[at])
@@ -221,9 +242,17 @@ class Recorder:
             LogError: The file cannot be written.
             EnvironmentLacksError: The disk is full.
         """
+        self._describe()
         if now - self._flushed >= FLUSH_S:
             self._flushed = now
             self.flush()
+
+    def _describe(self) -> None:
+        """Send the robot to viewers that have come since: it is logged once, at the start."""
+        if self._live is not None and self._live.subscribed:
+            self._live.subscribed = False
+            time = max(0, self._epoch_ns + round(self.t * 1e9))
+            self._descriptions.log(self._description, log_time=time)
 
     def close(self) -> None:
         """Write the summary and close the file; a second call does nothing.
@@ -234,6 +263,8 @@ class Recorder:
         """
         if self._file.closed:
             return
+        if self._live is not None:
+            self._live.stop()
         self._mcap.close()
         self._file.close()
         self._file.check()
@@ -256,11 +287,14 @@ class Recorder:
                 data=data,
             )
 
-    def _channel(self, topic: str, schema: str, definition: str) -> foxglove.Channel:
+    def _channel(
+        self, topic: str, schema: str, definition: str, metadata: dict[str, str] | None = None
+    ) -> foxglove.Channel:
         return foxglove.Channel(
             topic,
             schema=foxglove.Schema(name=schema, encoding="ros2msg", data=definition.encode()),
             message_encoding="cdr",
+            metadata=metadata,
             context=self._context,
         )
 

@@ -150,6 +150,11 @@ class PacedBus(VirtualBus):
             sender = row if nodes is None else int(nodes[row])
             self._put(frames, row, 1, sender, self.moment)
 
+    def count_into(self, totals: NDArray[np.int64]) -> None:
+        """Keep the counts of frames and bits there from now on. See ``BusPort.count_into``."""
+        super().count_into(totals)
+        self._wire.count_into(totals)
+
     @property
     def statistics(self) -> BusStatistics:
         """What has gone over the bus since it was opened."""

@@ -87,6 +87,14 @@ class BusPort(Protocol):
         """
         ...
 
+    def count_into(self, totals: NDArray[np.int64]) -> None:
+        """Keep the counts of frames and bits there from now on, for another process to read.
+
+        Args:
+            totals: Shape ``(7,)``, the columns of :mod:`hil.bus.statistics`; written in place.
+        """
+        ...
+
     @property
     def statistics(self) -> BusStatistics:
         """What has gone over the bus since it was opened."""

@@ -3,6 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+FRAMES: Final = 0  # the columns of the totals that a bus keeps
+NOMINAL: Final = 1
+EXACT: Final = 2
+WORST: Final = 3
+FAST: Final = 3  # from a column to its bits at the data bit rate
+TOTALS: Final = 7
+
+
+def busy_s(totals: NDArray[np.int64], bitrate: int, data_bitrate: int) -> NDArray[np.float64]:
+    """Seconds that the frames so far would have occupied the wire.
+
+    Args:
+        totals: Shape ``(..., 7)``.
+        bitrate: Bits per second.
+        data_bitrate: Of the data part of FD frames.
+    """
+    fast: NDArray[np.float64] = totals[..., FAST + EXACT] / data_bitrate
+    return totals[..., EXACT] / bitrate + fast
 
 
 @dataclass(frozen=True, slots=True)

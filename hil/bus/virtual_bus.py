@@ -20,15 +20,10 @@ from dftc_rt.errors import BusError, InputError
 from hil.bus.arbitration import arbitrate, is_ordered, order_by_identifier
 from hil.bus.client import Client
 from hil.bus.impairments import CONTROLLER, Counts, Impairments
-from hil.bus.statistics import BusStatistics
+from hil.bus.statistics import EXACT, FAST, FRAMES, NOMINAL, TOTALS, WORST, BusStatistics
 
 Timing = Literal["off", "account"]
 
-_FRAMES: Final = 0  # the columns of the totals
-_NOMINAL: Final = 1
-_EXACT: Final = 2
-_WORST: Final = 3
-_FAST: Final = 3  # from a column to its bits at the data bit rate
 _UNBOUNDED: Final = 1 << 30
 _EXTENDED: Final = 256  # 29-bit identifiers whose latency is kept
 
@@ -96,7 +91,7 @@ class VirtualBus:
         self._impairments: Impairments | None = None
         self._answer: Client | None = None
         self._barrier_sender = BarrierSender()
-        self._totals = np.zeros(7, dtype=np.int64)
+        self._totals = np.zeros(TOTALS, dtype=np.int64)
         self._latency = np.zeros(2048)
         self._extended = np.zeros((2, _EXTENDED))
         self._departed = 0
@@ -224,20 +219,25 @@ class VirtualBus:
         if not accepted:
             self._leave(client, BusError(self.name, "no room for the barrier"))
 
+    def count_into(self, totals: NDArray[np.int64]) -> None:
+        """Keep the counts of frames and bits there from now on. See ``BusPort.count_into``."""
+        totals[:] = self._totals
+        self._totals = totals
+
     @property
     def statistics(self) -> BusStatistics:
         """What has gone over the bus since it was opened."""
         done = Counts() if self._impairments is None else self._impairments.counts
         return BusStatistics(
             bitrate=self._bitrate,
-            frames=int(self._totals[_FRAMES]),
-            nominal_bits=int(self._totals[_NOMINAL]),
-            exact_bits=int(self._totals[_EXACT]),
-            worst_bits=int(self._totals[_WORST]),
+            frames=int(self._totals[FRAMES]),
+            nominal_bits=int(self._totals[NOMINAL]),
+            exact_bits=int(self._totals[EXACT]),
+            worst_bits=int(self._totals[WORST]),
             data_bitrate=self._data_bitrate or 0,
-            nominal_data_bits=int(self._totals[_FAST + _NOMINAL]),
-            exact_data_bits=int(self._totals[_FAST + _EXACT]),
-            worst_data_bits=int(self._totals[_FAST + _WORST]),
+            nominal_data_bits=int(self._totals[FAST + NOMINAL]),
+            exact_data_bits=int(self._totals[FAST + EXACT]),
+            worst_data_bits=int(self._totals[FAST + WORST]),
             latency_us={
                 f"0x{number:03x}": round(1e6 * float(self._latency[number]), 1)
                 for number in np.flatnonzero(self._latency)
@@ -358,9 +358,9 @@ class VirtualBus:
     def _waste(self, before: tuple[int, int], after: tuple[int, int]) -> None:
         """Charge transmissions that nobody took."""
         if self._account:
-            for column in (_EXACT, _WORST):
+            for column in (EXACT, WORST):
                 self._totals[column] += after[0] - before[0]
-                self._totals[_FAST + column] += after[1] - before[1]
+                self._totals[FAST + column] += after[1] - before[1]
 
     def _deliver(self, client: Client, frames: Frames, count: int) -> None:
         if client.filters is not None:
@@ -389,4 +389,4 @@ class VirtualBus:
         elif self._account:
             charge(frames, count, self._totals, 1.0 / self._bitrate, self._latency)
         else:
-            self._totals[_FRAMES] += count
+            self._totals[FRAMES] += count

@@ -235,6 +235,10 @@ class Wire:
         self._state[_ROW] = -1
         self._state[_DUE] = NEVER
 
+    def count_into(self, totals: I64) -> None:
+        """Count frames and bits there from now on, shape ``(7,)``."""
+        self._totals = totals
+
     @property
     def due(self) -> int:
         """When something happens next, ns: the end of the frame on the wire, or a beginning."""

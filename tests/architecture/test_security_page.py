@@ -8,10 +8,13 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
+from dftc_rt.log import live
+
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "security.md").read_text()
 UNPACKERS = {"pickle", "cPickle", "dill", "cloudpickle", "marshal", "shelve", "joblib"}
 SERVERS = {"http", "socketserver", "asyncio", "xmlrpc"}
+PORTS = "dftc_rt/log/live.py"
 IMPORTERS = {"dftc_rt/control/plugin.py", "dftc_rt/drives/interface.py"}
 
 
@@ -49,11 +52,21 @@ def test_modules_are_imported_by_name_in_two_places_only() -> None:
     assert found == IMPORTERS
 
 
-def test_no_network_port_is_opened() -> None:
+def test_a_network_port_is_opened_in_one_place_only_and_on_this_machine_only() -> None:
     for where, tree in modules():
         assert not imported(tree) & SERVERS, where
-        families = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
-        assert not families & {"AF_INET", "AF_INET6", "create_server"}, where
+        names = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+        opening = names & {"AF_INET", "AF_INET6", "create_server", "start_server", "start_gateway"}
+        assert not opening or where == PORTS, where
+    assert live.HOST == "127.0.0.1"
+    tree = dict(modules())[PORTS]
+    (started,) = (
+        node for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "start_server"
+    )  # fmt: skip
+    given = {keyword.arg: ast.unparse(keyword.value) for keyword in started.keywords}
+    assert given["host"] == "HOST"
+    assert not given.keys() & {"capabilities", "services", "asset_handler"}  # it can only stream
 
 
 def test_no_shipped_scenario_names_code() -> None:

@@ -31,6 +31,8 @@ def test_every_shipped_scenario_runs(name: str) -> None:
     error = metrics.tracking_error(run)[metrics.running_mask(run)]
     assert error.shape == (1000, opened.robot.n)
     assert np.abs(error).max() < 0.02
+    if name == "g1_upper_body":
+        assert opened.robot.n == 17
     if name == "g1_knee_loss":
         assert opened.robot.n == 29
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import mmap
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.cli.processes.child import Flags, on_sigterm
@@ -20,6 +24,7 @@ from dftc_rt.rt.clock import Clock, LockstepClock, RealClock
 from dftc_rt.rt.executor import ERROR, INFO
 from dftc_rt.rt.process import RealTime, first_core, last_core
 from hil.bus.port import BusPort
+from hil.bus.statistics import TOTALS
 from hil.loop import run_lockstep, run_wall
 from hil.rig import Rig
 
@@ -41,12 +46,15 @@ class Rings:
         rig: The rig's records.
         events: One ring a writer: controller, rig, launcher.
         frames: Every frame that passes the controller's sockets; None when not logged.
+        traffic: What the rig's buses count, a row a bus, the columns of
+            :mod:`hil.bus.statistics`; zero without a rig.
     """
 
     cycle: Ring
     rig: Ring
     events: tuple[EventRing, EventRing, EventRing]
     frames: Ring | None = None
+    traffic: NDArray[np.int64] = dataclasses.field(default_factory=lambda: _shared_counts(0))
 
     @classmethod
     def create(cls, opened: Session, *, frames: bool = False) -> Rings:
@@ -67,6 +75,7 @@ class Rings:
                 EventRing.create("dftc-events-launcher"),
             ),
             Ring.create("dftc-can", 8192 * a_cycle, opened.can.size) if frames else None,
+            _shared_counts(len(opened.can.buses)),
         )
 
     def end_controller(self) -> None:
@@ -75,6 +84,12 @@ class Rings:
         self.events[0].end()
         if self.frames is not None:
             self.frames.end()
+
+
+def _shared_counts(buses: int) -> NDArray[np.int64]:
+    """Zeros in memory that forked processes share, shape ``(buses, 7)``."""
+    page = mmap.mmap(-1, max(buses, 1) * TOTALS * 8)
+    return np.frombuffer(page, np.int64, buses * TOTALS).reshape(buses, TOTALS)
 
 
 def controller(
@@ -191,6 +206,8 @@ def rig(
     ports: Sequence[BusPort] = ()
     try:
         made, ports = build()
+        for port, totals in zip(ports, rings.traffic, strict=True):
+            port.count_into(totals)
         if not lockstep:
             real_time = RealTime(RIG_PRIORITY, rig_core(opened))
             refused = real_time.refused
@@ -216,7 +233,13 @@ def rig(
 
 
 def recorder(
-    opened: Session, path: Path, epoch_ns: int, rings: Rings, *, with_rig: bool
+    opened: Session,
+    path: Path,
+    epoch_ns: int,
+    rings: Rings,
+    *,
+    with_rig: bool,
+    live_port: int | None = None,
 ) -> dict[str, Any]:
     """Drain the rings into the log; the whole of ``dftc-recorder``.
 
@@ -226,6 +249,7 @@ def recorder(
         epoch_ns: Unix time of t = 0, ns.
         rings: What to drain.
         with_rig: Whether there is a rig whose truth is logged.
+        live_port: Port of this machine for viewers; None: none.
 
     Returns:
         Counts, and records dropped by ring.
@@ -244,7 +268,9 @@ def recorder(
 
     on_sigterm(orphaned)
     frames = rings.frames
-    with opened.recorder(path, epoch_ns, with_rig=with_rig, with_frames=frames is not None) as log:
+    with opened.recorder(
+        path, epoch_ns, with_rig=with_rig, with_frames=frames is not None, live_port=live_port
+    ) as log:
         truth = rings.rig if with_rig else None
         done = record(rings.cycle, truth, rings.events, log, stop, frame_ring=frames)
     return dataclasses.asdict(done)

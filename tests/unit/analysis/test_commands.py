@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from dftc_rt.cli.analyze import analyze
+from dftc_rt.cli.main import run as main
 from dftc_rt.cli.recover import recover
 from dftc_rt.cli.report import report
 from dftc_rt.control.signals import NAMES
@@ -50,6 +51,55 @@ def test_report_names_what_it_wrote(log: Path, capsys: pytest.CaptureFixture[str
     assert report(log, output=target) == 0
     assert capsys.readouterr().out == f"{target}\n"
     assert target.read_text().startswith("<!doctype html>")
+
+
+def test_logs_are_compared(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    other = log.with_name("other.mcap")
+    other.write_bytes(log.read_bytes())
+    assert main(["report", str(log), str(other), "-o", str(log.with_name("both.html"))]) == 0
+    assert "against run" in log.with_name("both.html").read_text()
+    layout = cycle_layout(["z"], NAMES)
+    with Recorder(other, layout) as out:
+        out.write_cycles(np.zeros((10, layout.size)))
+    assert main(["report", str(log), str(other), "-o", str(log.with_name("x.html"))]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith(f"dftc: {other}: another robot, with the joints z")
+    assert told.count("\n") == 1
+    assert not log.with_name("x.html").exists()
+
+
+def test_a_figure_is_chosen_by_format_or_ending(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, start in (("1.pdf", b"%PDF"), ("1.png", b"\x89PNG"), ("1.svg", b"<?xml")):
+        target = log.with_name(name)
+        assert main(["report", str(log), "-o", str(target), "--format", target.suffix[1:]]) == 0
+        assert target.read_bytes().startswith(start)
+    again = log.with_name("2.svg")
+    assert main(["report", str(log), "-o", str(again)]) == 0
+    assert again.read_bytes() == log.with_name("1.svg").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["-o", "r.gif"], "r.gif: an ending '.gif' of no format"),
+        (["-o", "r.png", "--format", "pdf"], "r.png: an ending '.png' (expected '.pdf' of pdf)"),
+        (["-o", "r.png", "--format", "eps"], "--format: 'eps'"),
+        (["-o", "r.html", "--joint", "a"], "--joint: a report in HTML shows all of the run"),
+        (["-o", "r.html", "--span", "1", "2"], "--span: a report in HTML"),
+        (["-o", "r.png", "--span", "7", "9"], "--span: 7 to 9 s"),
+    ],
+)
+def test_what_cannot_be_written_is_one_line(
+    log: Path, arguments: list[str], told: str, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(log.parent)
+    assert main(["report", str(log), *arguments]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith(f"dftc: {told}")
+    assert err.count("\n") == 1
 
 
 def test_recover_then_analyze(log: Path, capsys: pytest.CaptureFixture[str]) -> None:

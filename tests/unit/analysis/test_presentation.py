@@ -142,7 +142,12 @@ def test_report_is_one_file_that_shows_the_run(run: Run, tmp_path: Path) -> None
     assert values(curves["error"]).max() == pytest.approx(3.12)
     assert values(curves["ρ (true)"]).min() == pytest.approx(0.6)
     assert values(curves["± 2σ"]).max() == pytest.approx(1.02)
-    assert {trace["name"] for trace in traces(page, "timing")} == {"lateness"}
+    names = {trace["name"] for trace in traces(page, "timing")}
+    assert names == {"lateness", "lateness, percentiles"}
+    marks = traces(page, "timing")[1]
+    assert marks["text"] == ["p50", "p99", "p99.9", "max"]
+    assert np.frombuffer(base64.b64decode(marks["x"]["bdata"])) == pytest.approx([40.0] * 4)
+    assert "lateness40.040.040.040.0" in page.text  # the same as a table
 
 
 def test_the_strip_of_verdicts_shows_the_gravest_of_many(run: Run, tmp_path: Path) -> None:

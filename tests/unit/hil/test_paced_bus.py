@@ -21,6 +21,7 @@ from dftc_rt.errors import InputError
 from hil.bus.impairments import ERROR_BITS, Impairments
 from hil.bus.paced_bus import MOST_WAITING, PacedBus
 from hil.bus.paced_impairments import PacedImpairments
+from hil.bus.statistics import EXACT, FRAMES, TOTALS, busy_s
 from hil.bus.virtual_bus import unpaced
 from hil.bus.wire import NEVER
 
@@ -83,6 +84,20 @@ def bits(*frames: bytes) -> int:
 
 LOW, MIDDLE, HIGH = pack(0x2AA, DATA), pack(0x155, DATA), pack(0x0AA, DATA)
 """By priority. Each has 111 bits without stuffing."""
+
+
+def test_counts_are_kept_where_another_process_can_read_them() -> None:
+    bench = Bench()
+    bench.send(0, LOW)
+    bench.run()
+    shared = np.zeros(TOTALS, np.int64)
+    bench.port.count_into(shared)
+    assert (shared[FRAMES], shared[EXACT]) == (1, bits(LOW))  # what had been counted before
+    bench.send(0, HIGH)
+    bench.run()
+    assert (shared[FRAMES], shared[EXACT]) == (2, bits(LOW, HIGH))
+    assert bench.port.statistics.exact_bits == bits(LOW, HIGH)
+    assert busy_s(shared, 1_000_000, 5_000_000) == pytest.approx(1e-6 * bits(LOW, HIGH))
 
 
 def test_a_frame_arrives_when_its_bits_are_over() -> None:
