@@ -68,7 +68,7 @@ class ControlTable(Strict, frozen=True):
 class ExecutorTable(Strict, frozen=True):
     """``[executor]``: the fixed-rate loop."""
 
-    rate_hz: Annotated[float, Meta(ge=1, le=10_000)] = 1000.0
+    rate_hz: Annotated[float, Meta(ge=10, le=10_000)] = 1000.0
     overrun: Literal["skip", "catch_up", "stop"] = "skip"
     read_budget: Literal["auto"] | Annotated[float, Meta(gt=0, le=1)] = "auto"
 
@@ -148,7 +148,7 @@ class DriveTable(Strict, frozen=True):
     encoder_bits: Annotated[int, Meta(ge=4, le=31)] = 19
     velocity_noise_rad_s: NonNegative = 0.002
     torque_lag_s: NonNegative = 0.001
-    watchdog_s: Positive = 0.02
+    watchdog_s: Annotated[float, Meta(gt=0, le=3600)] = 0.02
     brake_close_s: NonNegative = 0.02
 
 
