@@ -119,6 +119,7 @@ class SupervisorTable(Strict, frozen=True):
     torque_rate_per_s: Positive = 500.0
     overruns_in_a_row: Annotated[int, Meta(ge=1)] = 20
     brake_s: Annotated[float, Meta(ge=0, le=0.9)] = 0.03
+    probe: Annotated[float, Meta(ge=0, le=0.2)] = 0.0
 
 
 class PlantTable(Strict, frozen=True):

@@ -76,22 +76,27 @@ def _files(start: int, examples: int, failed: list[str]) -> list[tuple[str, int,
     """Draw so many of each kind."""
     rows = []
     for kind in files.every_kind():
-        ended: Counter[str] = Counter()
-
-        @seed(start)
-        @settings(
-            max_examples=examples, deadline=None, database=None, phases=[Phase.generate],
-            suppress_health_check=list(HealthCheck),
-        )  # fmt: skip
-        @given(kind.content)
-        def one(content: bytes, kind: files.Kind = kind, ended: Counter[str] = ended) -> None:
-            try:
-                ended[files.survive(kind, content)] += 1
-            except (Exception, files.HangsError) as error:
-                ended["broke"] += 1
-                failed.append(f"{kind.name}: {_told(error)}")
-
-        one()
+        ended = _drawn(kind, start, examples, failed)
         total = ended.total()
         rows.append((kind.name, total, ended["refused"], ended["failed"], ended["accepted"]))
     return rows
+
+
+def _drawn(kind: files.Kind, start: int, examples: int, failed: list[str]) -> Counter[str]:
+    ended: Counter[str] = Counter()
+
+    @seed(start)
+    @settings(
+        max_examples=examples, deadline=None, database=None, phases=[Phase.generate],
+        suppress_health_check=list(HealthCheck),
+    )  # fmt: skip
+    @given(kind.content)
+    def one(content: bytes) -> None:
+        try:
+            ended[files.survive(kind, content)] += 1
+        except (Exception, files.HangsError) as error:
+            ended["broke"] += 1
+            failed.append(f"{kind.name}: {_told(error)}")
+
+    one()
+    return ended
