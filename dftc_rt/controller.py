@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +23,7 @@ from dftc_rt.config.identification import (
 )
 from dftc_rt.config.robot import RobotConfig
 from dftc_rt.config.scenario import Scenario
-from dftc_rt.control import laws, signals
+from dftc_rt.control import laws, settings, signals
 from dftc_rt.control.dftc import Dftc
 from dftc_rt.control.interface import Law
 from dftc_rt.drives.interface import SetUp, profile
@@ -125,12 +125,16 @@ def prepare(
     check_budget(scenario, robot)
     control = scenario.control
     gains: dict[str, Any] = dict(robot.gains)
+    known = {key: value for key, value in gains.items() if key in settings.NAMES}
+    _check_gains(known, robot.n, f"robot '{robot.name}': gains")
     where = control.calibration or "calibration"
     if calibration is None and control.calibration is not None:
         calibration = load_calibration(where)
     if calibration is not None:
         robot = calibrated(robot, calibration, where)
         gains |= calibration_gains(calibration, where)
+        for index, joint in enumerate(calibration.joint):
+            _check_gains(joint.gains, 1, f"{where}: joint[{index}].gains")
     where = control.identification or "identification"
     if identification is None and control.identification is not None:
         identification = load_identification(where)
@@ -197,6 +201,19 @@ def _identified(
     )
 
 
+def _check_gains(gains: Mapping[str, Any], n: int, where: str) -> None:
+    """Check settings of the law under the name of the file that they come from.
+
+    Raises:
+        InputError: A key or a value is wrong.
+    """
+    try:
+        settings.parse(gains, n, printed=False)
+    except InputError as error:
+        key = error.where.removeprefix("control.gains.")
+        raise InputError(f"{where}.{key}", error.what, error.expected) from None
+
+
 def _tuples(gains: dict[str, Any]) -> dict[str, Any]:
     return {key: tuple(v) if isinstance(v, list) else v for key, v in gains.items()}
 
@@ -256,7 +273,7 @@ def check_pose(robot: Robot, q: F64) -> None:
         if not robot.lower[i] <= q[i] <= robot.upper[i]:
             raise InputError(
                 f"{drive.name} (node {drive.node_id} on {drive.bus})",
-                f"is at {q[i]:.3f} rad",
+                f"is at {_short(q[i])} rad",
                 f"{robot.lower[i]:.3f} to {robot.upper[i]:.3f} rad; move it there by hand, or "
                 "correct zero_offset_rad and sign in robot.toml",
             )
@@ -277,14 +294,19 @@ def check_reference(reference: Reference, robot: Robot, duration_s: float) -> No
         return
     k, i = (int(x) for x in np.argwhere(outside)[0])
     if q[k, i] < robot.lower[i] or q[k, i] > robot.upper[i]:
-        found, unit = f"{q[k, i]:.3f} rad", "rad"
-        expected = f"{robot.lower[i]:.3f} to {robot.upper[i]:.3f} {unit}"
+        found = f"{_short(q[k, i])} rad"
+        expected = f"{robot.lower[i]:.3f} to {robot.upper[i]:.3f} rad"
     else:
-        found = f"{v[k, i]:.3f} rad/s"
+        found = f"{_short(v[k, i])} rad/s"
         expected = f"at most {robot.velocity_limit[i]:.3f} rad/s"
     raise InputError(
         "reference", f"{robot.joints[i]} would be at {found} at t = {times[k]:.2f} s", expected
     )
+
+
+def _short(value: float) -> str:
+    """A number for a message: as people write it, as long as that is short."""
+    return f"{value:.3f}" if abs(value) < 1e6 else f"{value:g}"
 
 
 def connect(

@@ -6,13 +6,33 @@ message is the one line that the user sees.
 
 from __future__ import annotations
 
-from typing import ClassVar
+import inspect
+from typing import Any, ClassVar, Final
+
+_LONGEST: Final = 400  # characters of one part of a message
+
+
+def plain(text: object, longest: int = _LONGEST) -> str:
+    """Return a text from outside as a part of one line that a terminal can show.
+
+    What is not printable is escaped; what is too long loses its middle.
+    """
+    shown = "".join(
+        c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in str(text)
+    )
+    half = longest // 2
+    return shown if len(shown) <= longest else f"{shown[:half]} … {shown[-half:]}"
 
 
 class DftcError(Exception):
     """Root of every error this project raises on purpose."""
 
     exit_code: ClassVar[int] = 1
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Let a worker process hand it on: it is made again from its data, not its message."""
+        given = list(inspect.signature(type(self).__init__).parameters)[1:]
+        return type(self), tuple(vars(self)[name] for name in given if name in vars(self))
 
 
 class InputError(DftcError, ValueError):
@@ -30,16 +50,18 @@ class InputError(DftcError, ValueError):
         self.where = where
         self.what = what
         self.expected = expected
-        tail = f" (expected {expected})" if expected else ""
-        super().__init__(f"{where}: {what}{tail}")
+        super().__init__(self._line())
+
+    def _line(self) -> str:
+        tail = f" (expected {plain(self.expected)})" if self.expected else ""
+        return f"{plain(self.where)}: {plain(self.what)}{tail}"
 
 
 class MissingFileError(InputError, FileNotFoundError):
     """A file that the user named does not exist."""
 
     def __str__(self) -> str:
-        tail = f" (expected {self.expected})" if self.expected else ""
-        return f"{self.where}: {self.what}{tail}"
+        return self._line()
 
 
 class EnvironmentLacksError(DftcError, OSError):

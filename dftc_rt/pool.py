@@ -25,7 +25,7 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
 from typing import Any, Final
 
-from dftc_rt.errors import EnvironmentLacksError
+from dftc_rt.errors import DftcError, EnvironmentLacksError
 
 _ONE_THREAD: Final = (
     "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "OMP_NUM_THREADS",
@@ -34,7 +34,7 @@ _START: Final = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[2]); "
     "from dftc_rt.pool import serve; serve(int(sys.argv[1]))"
 )
-_RESULT, _ITEM, _ERROR = "result", "item", "error"
+_RESULT, _ITEM, _ERROR, _REFUSED = "result", "item", "error", "refused"
 _PATIENCE_S: Final = 5.0  # for a worker that was told to end
 
 
@@ -77,7 +77,8 @@ def run(
         item: Called with everything that a generator yields, in this process.
 
     Raises:
-        RuntimeError: A task raised; its traceback is the text.
+        DftcError: A task raised one: it is handed on as it was.
+        RuntimeError: A task raised something else; its traceback is the text.
         EnvironmentLacksError: A worker was killed, mostly for want of memory.
     """
     lanes: dict[int, deque[Task]] = {}
@@ -105,6 +106,8 @@ def run(
                         f"a worker process was killed during '{task.name}'",
                         "free some memory, and try again",
                     ) from None
+                if what == _REFUSED:
+                    raise value
                 if what == _ERROR:
                     raise RuntimeError(f"{task.name}: {value}")
                 if what == _ITEM:
@@ -176,6 +179,8 @@ def serve(descriptor: int) -> None:
                     link.send((_ITEM, value))
                 result = None
             answer = (_RESULT, result)
+        except DftcError as error:
+            answer = (_REFUSED, error)
         except Exception:
             answer = (_ERROR, traceback.format_exc())
         link.send(answer)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numba
 import numpy as np
@@ -19,6 +19,9 @@ from dftc_rt.config.scenario import ReferenceTable
 from dftc_rt.errors import InputError, MissingFileError
 
 F64 = NDArray[np.float64]
+
+_LEAST_S: Final = 1e-4  # between two moments of a motion: a period at the highest rate
+_LARGEST: Final = 1e6  # position or time: beyond it nothing is meant, and powers overflow
 
 
 @numba.njit(cache=True)
@@ -115,6 +118,10 @@ class Reference:
         Raises:
             InputError: A value does not fit the robot or the kind.
         """
+        if 0.0 < table.blend_s < _LEAST_S:
+            raise InputError(
+                "reference.blend_s", f"found {table.blend_s:g}", f"0, or {_LEAST_S:g} or more"
+            )
         self.n = home.shape[0]
         self._blend_s = table.blend_s
         self._q0 = home.copy()
@@ -212,6 +219,7 @@ def _waypoints(table: ReferenceTable, home: F64) -> tuple[F64, ...]:
             "reference.positions_rad", "wrong shape", f"{times.size} poses of {n} joints"
         )
     poses = np.asarray(table.positions_rad, dtype=np.float64)
+    _refuse_extremes(times, poses, "reference")
     coef = np.zeros((times.size - 1, n, 6))
     for k, span in enumerate(np.diff(times)):
         d = poses[k + 1] - poses[k]
@@ -250,10 +258,19 @@ def _csv(table: ReferenceTable, home: F64) -> tuple[F64, ...]:
     data = np.asarray(rows)
     if data.ndim != 2 or data.shape[0] < 2 or np.any(np.diff(data[:, 0]) <= 0):
         raise InputError(str(path), "times do not rise", "two or more rows of rising time")
+    _refuse_extremes(data[:, 0], data[:, 1:], str(path))
     spline = CubicSpline(data[:, 0], data[:, 1:], bc_type="clamped")
     coef = np.zeros((data.shape[0] - 1, n, 6))
     coef[:, :, :4] = np.moveaxis(spline.c[::-1], 0, 2)
     return data[:, 0].copy(), coef
+
+
+def _refuse_extremes(times: F64, poses: F64, where: str) -> None:
+    """Refuse moments too close together, and numbers too large, for a polynomial between them."""
+    if (least := float(np.diff(times).min())) < _LEAST_S:
+        raise InputError(where, f"two times {least:g} s apart", f"{_LEAST_S:g} s or more")
+    if (most := float(max(np.abs(times).max(), np.abs(poses).max()))) > _LARGEST:
+        raise InputError(where, f"found {most:g}", f"times and positions up to {_LARGEST:g}")
 
 
 def _harmonics(terms: list[list[tuple[float, float, float]]], offset: list[float]) -> Any:

@@ -142,7 +142,7 @@ DriveFault = EmcyFault | SilentFault | LateFault | RestartFault
 class SensorBiasFault(_Fault, frozen=True, tag="sensor_bias", kw_only=True):
     """The encoder reads ``bias_rad`` too much."""
 
-    bias_rad: float
+    bias_rad: Annotated[float, Meta(ge=-1e4, le=1e4)]
 
 
 class SensorFrozenFault(_Fault, frozen=True, tag="sensor_frozen", kw_only=True):
@@ -152,8 +152,8 @@ class SensorFrozenFault(_Fault, frozen=True, tag="sensor_frozen", kw_only=True):
 class SensorNoiseFault(_Fault, frozen=True, tag="sensor_noise", kw_only=True):
     """White noise on position and velocity, standard deviations, besides the drive's own."""
 
-    position_rad: NonNegative = 0.0
-    velocity_rad_s: NonNegative = 0.0
+    position_rad: Annotated[float, Meta(ge=0, le=1e4)] = 0.0
+    velocity_rad_s: Annotated[float, Meta(ge=0, le=1e4)] = 0.0
 
 
 class SensorBitsFault(_Fault, frozen=True, tag="sensor_bits", kw_only=True):

@@ -30,6 +30,19 @@ in proportion to the torque limit: rotor inertia behind the gear grows with the 
 
 ARMATURE_TORQUE_NM: Final = 50.0
 
+MOST_DELAY_CYCLES: Final = 1000
+MOST_GRAVITY: Final = 1000.0
+RANGES: Final = {
+    "zero_offset_rad": (-1e4, 1e4),
+    "counts_per_rev": (1, 2**31 - 1),
+    "gear": (1e-4, 1e5),
+    "rated_torque_nm": (1e-3, 1e6),
+    "torque_limit_nm": (1e-3, 1e6),
+    "velocity_limit_rad_s": (1e-3, math.inf),
+    "armature": (0.0, 1e6),
+}
+"""Key of a joint -> what a drive's objects and the laws' arithmetic have room for."""
+
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
 
@@ -72,8 +85,9 @@ class JointEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
             raise InputError("bus", f"found '{self.bus}'", "a bus name such as can0")
         if self.sign not in (1, -1):
             raise InputError("sign", f"found {self.sign}", "1 or -1")
-        if self.delay_cycles < 0:
-            raise InputError("delay_cycles", f"found {self.delay_cycles}", "0 or more")
+        if not 0 <= self.delay_cycles <= MOST_DELAY_CYCLES:
+            expected = f"0 to {MOST_DELAY_CYCLES}"
+            raise InputError("delay_cycles", f"found {self.delay_cycles}", expected)
         if not math.isfinite(self.zero_offset_rad):
             raise InputError("zero_offset_rad", f"found {self.zero_offset_rad}", "a finite number")
         if self.armature is not None and not 0.0 <= self.armature < math.inf:
@@ -138,8 +152,9 @@ class RobotConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
             raise InputError(
                 "lock_rad", f"found {len(self.lock_rad)} numbers", f"{len(self.lock)}, as in lock"
             )
-        if not all(math.isfinite(g) for g in self.gravity_m_s2):
-            raise InputError("gravity_m_s2", "found an infinite number", "finite numbers")
+        for g in self.gravity_m_s2:
+            if not abs(g) <= MOST_GRAVITY:
+                raise InputError("gravity_m_s2", f"found {g:g}", f"at most {MOST_GRAVITY:g}")
         names: dict[str, int] = {}
         nodes: dict[tuple[str, int], int] = {}
         for index, joint in enumerate(self.joint):

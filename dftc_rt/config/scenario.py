@@ -68,7 +68,7 @@ class ControlTable(Strict, frozen=True):
 class ExecutorTable(Strict, frozen=True):
     """``[executor]``: the fixed-rate loop."""
 
-    rate_hz: Annotated[float, Meta(ge=1, le=10_000)] = 1000.0
+    rate_hz: Annotated[float, Meta(ge=10, le=10_000)] = 1000.0
     overrun: Literal["skip", "catch_up", "stop"] = "skip"
     read_budget: Literal["auto"] | Annotated[float, Meta(gt=0, le=1)] = "auto"
 
@@ -119,6 +119,7 @@ class SupervisorTable(Strict, frozen=True):
     torque_rate_per_s: Positive = 500.0
     overruns_in_a_row: Annotated[int, Meta(ge=1)] = 20
     brake_s: Annotated[float, Meta(ge=0, le=0.9)] = 0.03
+    probe: Annotated[float, Meta(ge=0, le=0.2)] = 0.0
 
 
 class PlantTable(Strict, frozen=True):
@@ -148,7 +149,7 @@ class DriveTable(Strict, frozen=True):
     encoder_bits: Annotated[int, Meta(ge=4, le=31)] = 19
     velocity_noise_rad_s: NonNegative = 0.002
     torque_lag_s: NonNegative = 0.001
-    watchdog_s: Positive = 0.02
+    watchdog_s: Annotated[float, Meta(gt=0, le=3600)] = 0.02
     brake_close_s: NonNegative = 0.02
 
 

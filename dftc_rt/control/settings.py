@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,6 +17,8 @@ from dftc_rt.control.interface import F64
 from dftc_rt.errors import InputError
 
 INF: Final = math.inf
+LARGEST: Final = 1e9
+"""Largest setting that is not meant to be none at all: beyond it, squares overflow."""
 Value = float | int | bool | str | Sequence[Any]
 
 
@@ -201,9 +204,9 @@ def parse(gains: Mapping[str, Value], n: int, *, printed: bool) -> Settings:
     """
     unknown = sorted(set(gains) - set(NAMES))
     if unknown:
-        raise InputError(
-            f"control.gains.{unknown[0]}", "unknown key", f"one of {', '.join(sorted(NAMES))}"
-        )
+        near = difflib.get_close_matches(unknown[0], NAMES, n=3)
+        expected = " or ".join(f"'{name}'" for name in near) or "one of those in docs/notation.md"
+        raise InputError(f"control.gains.{unknown[0]}", "unknown key", expected)
     values: dict[str, np.ndarray[Any, Any]] = {}
     for setting in NUMBERS + CHOICES:
         start = setting.printed if printed else setting.default
@@ -240,19 +243,21 @@ def _one(setting: Setting, given: Any) -> float:
     if isinstance(given, bool | str) or not isinstance(given, int | float | np.number):
         expected = " | ".join(setting.choices) or f"a number in {setting.unit or '1'}"
         raise InputError(where, repr(given), expected)
-    number = float(given)
-    if not setting.low <= number <= setting.high or (whole and number != int(number)):
-        expected = " | ".join(setting.choices) or f"{setting.low:g} to {setting.high:g}"
+    low, high = max(setting.low, -LARGEST), min(setting.high, LARGEST)
+    unbounded = INF in (setting.default, setting.printed) and given == INF
+    if not (unbounded or low <= given <= high) or (whole and given != int(given)):
+        expected = " | ".join(setting.choices) or f"{low:g} to {high:g}"
         raise InputError(where, f"{given!r}", expected)
-    return number
+    return float(given)
 
 
 def _weights(name: str, given: Any) -> F64:
     """Initial weights as an array of at most two dimensions."""
     try:
         array = np.asarray(given, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"control.gains.{name}", repr(given), "numbers") from error
-    if array.ndim > 2 or not np.all(np.isfinite(array)):
-        raise InputError(f"control.gains.{name}", repr(given), "finite: scalar, (m,) or (n, m)")
+    if array.ndim > 2 or not np.all(np.abs(array) <= LARGEST):
+        expected = f"numbers up to {LARGEST:g}: scalar, (m,) or (n, m)"
+        raise InputError(f"control.gains.{name}", repr(given), expected)
     return array

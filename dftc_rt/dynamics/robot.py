@@ -11,6 +11,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from dftc_rt.config.robot import (
+    RANGES,
     JointConfig,
     RobotConfig,
     default_joints,
@@ -107,6 +108,7 @@ def load_robot(
     drives = _drives(config, all_limits, by_file, limits, unstated_joints_per_bus, where)
     if joints_per_bus is not None:
         drives = on_new_buses(drives, joints_per_bus)
+    _refuse_extremes(drives, where)
     if form is not None:
         check_fit(form, drives, lock, gravity_m_s2, where)
     stated = {entry.name for entry in config.joint if entry.torque_limit_nm is not None}
@@ -164,6 +166,15 @@ def _hold(
             held[name] = home.get(name, neutral[name])
         limits.take([name]).check(np.array([held[name]]), f"{where}_rad")
     return held
+
+
+def _refuse_extremes(drives: Sequence[JointConfig], where: str) -> None:
+    """Refuse what neither a drive nor the arithmetic has room for, wherever it was stated."""
+    for drive in drives:
+        for key, (low, high) in RANGES.items():
+            if not low <= getattr(drive, key) <= high:
+                found = f"{key} of joint '{drive.name}' is {getattr(drive, key):g}"
+                raise InputError(where, found, f"{low:g} to {high:g}")
 
 
 def _home_in_file(

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import struct
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Final
+from types import UnionType
+from typing import IO, Any, Final
 
 import numpy as np
 from mcap.records import Attachment, Channel, Chunk, Metadata, Schema
@@ -17,11 +20,26 @@ from dftc_rt.errors import LogError
 from dftc_rt.log.cdr import decode_event
 from dftc_rt.log.chunks import DAMAGE, MAGIC, Cut, cut, records
 from dftc_rt.log.run import CanFrames, Run, Signals, split
-from dftc_rt.log.schema import CDR_HEADER, SCENARIO, URDF, CanLayout, Layout, field_name
+from dftc_rt.log.schema import (
+    CDR_HEADER,
+    CYCLE_HEADER,
+    RIG_HEADER,
+    RIG_ROWS,
+    SCENARIO,
+    URDF,
+    CanLayout,
+    Layout,
+    field_name,
+)
 from dftc_rt.ring import Event
 
 _FIXED: Final = ("/cycle", "/rig")
 _EVENTS: Final = "/events"
+_OURS: Final = "as written by dftc"
+_RELIED_ON: Final = {
+    "/cycle": (CYCLE_HEADER, ("q", "v", "qd", "vd", "tau_cmd", "rho_hat", "verdict", "status")),
+    "/rig": (RIG_HEADER, RIG_ROWS),
+}
 _ROWS: Final = 16384  # to begin with
 
 
@@ -191,16 +209,23 @@ class _Content:
         joints, signals = cycle
         rig = self._signals(where, "/rig")
         told = self.topics.get(_EVENTS)
-        events = [Event(*decode_event(raw)) for raw in told.payloads] if told else []
-        limits = self._facts.get("torque_limit_nm")
+        try:
+            events = [Event(*decode_event(raw)) for raw in told.payloads] if told else []
+        except (struct.error, UnicodeDecodeError):
+            raise LogError(f"{where} {_EVENTS}", "damaged", _OURS) from None
+        if not re.fullmatch("[0-9]{1,20}", epoch := self._facts.get("epoch_ns", "0")):
+            raise LogError(where, f"its epoch_ns is '{epoch}'", _OURS)
+        limits = self._listed(where, "torque_limit_nm", int | float)
+        if limits is not None and len(limits) != len(joints):
+            raise LogError(where, f"torque limits of {len(limits)} joints", f"{len(joints)}")
         return Run(
             joints,
             signals,
             rig[1] if rig else None,
             tuple(sorted(events, key=lambda event: event.t)),
-            self.attachments.get(SCENARIO, b"").decode(),
-            self.attachments.get(URDF, b"").decode(),
-            tuple(json.loads(limits)) if limits else None,
+            self._text(where, SCENARIO),
+            self._text(where, URDF),
+            limits,
             self.metadata,
             self._frames(where),
             {n: data for n, data in self.attachments.items() if n not in (SCENARIO, URDF)},
@@ -210,20 +235,41 @@ class _Content:
     def _facts(self) -> dict[str, str]:
         return self.metadata.get("dftc_rt", {})
 
+    def _text(self, where: str, name: str) -> str:
+        try:
+            return self.attachments.get(name, b"").decode()
+        except UnicodeDecodeError:
+            raise LogError(where, f"attachment {name} is no text", _OURS) from None
+
+    def _listed(self, where: str, key: str, kind: UnionType | type) -> tuple[Any, ...] | None:
+        """A list out of the metadata; None where it is not there."""
+        text = self._facts.get(key)
+        if not text:
+            return None
+        try:
+            found = json.loads(text)
+        except (ValueError, RecursionError):
+            found = None
+        if not isinstance(found, list) or not all(isinstance(item, kind) for item in found):
+            raise LogError(where, f"its {key} is '{text}'", _OURS)
+        return tuple(found)
+
     def _definition(self, topic: _Topic) -> list[str]:
         schema = self.schemas.get(topic.schema)
-        return schema.data.decode().splitlines() if schema else []
+        return schema.data.decode(errors="replace").splitlines() if schema else []
 
     def _signals(self, where: str, name: str) -> tuple[tuple[str, ...], Signals] | None:
         topic = self.topics.get(name)
         if topic is None:
             return None
         lines = self._definition(topic)
-        fields = [line.split()[1] for line in lines if line.startswith("float64 ")]
-        layout = _layout(name, fields, self._joint_names(fields))
+        fields = [line.split()[1] for line in lines if re.match(r"float64 +[^ ]", line)]
+        layout = _layout(name, fields, self._joint_names(where, fields))
         if layout is None:
             raise LogError(f"{where} {name}", "fields of another program", "as written by dftc")
         block = topic.rows.block(f"{where} {name}", 8 * len(fields))
+        if not _complete(layout):
+            raise LogError(f"{where} {name}", "lacks fields", _OURS)
         return layout.joints, split(layout, block.view("<f8").astype(np.float64, copy=False))
 
     def _frames(self, where: str) -> CanFrames | None:
@@ -231,7 +277,7 @@ class _Content:
         if topic is None:
             return None
         where = f"{where} {CanLayout.topic}"
-        buses = tuple(json.loads(self._facts.get("buses", "[]")))
+        buses = self._listed(where, "buses", str) or ()
         lines = self._definition(topic)
         for layout in (CanLayout(buses, size) for size in (8, 64)):
             if layout.definition.splitlines() == lines:
@@ -240,12 +286,18 @@ class _Content:
                 return CanFrames(buses, block.view(dtype)[:, 0])
         raise LogError(where, "fields of another program", "as written by dftc")
 
-    def _joint_names(self, fields: list[str]) -> tuple[str, ...]:
+    def _joint_names(self, where: str, fields: list[str]) -> tuple[str, ...]:
         """As the robot has them; from the fields when another tool dropped the metadata."""
-        text = self._facts.get("joints")
-        if text is not None:
-            return tuple(json.loads(text))
+        names = self._listed(where, "joints", str)
+        if names is not None:
+            return names
         return tuple(name[2:] for name in fields if name.startswith("q_"))
+
+
+def _complete(layout: Layout) -> bool:
+    """Whether all is there that everybody who reads a run relies on."""
+    header, rows = _RELIED_ON[layout.topic]
+    return layout.header == header and set(rows) <= set(layout.rows)
 
 
 def _layout(topic: str, fields: list[str], joints: tuple[str, ...]) -> Layout | None:

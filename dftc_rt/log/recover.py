@@ -113,6 +113,8 @@ class _Copy:
                 record.name, record.encoding, record.data
             )
         elif isinstance(record, Channel) and record.id not in self._channels:
+            if record.schema_id not in self._schemas:
+                raise ValueError("a channel without its schema")
             self._channels[record.id] = self._writer.register_channel(
                 record.topic,
                 record.message_encoding,
@@ -137,5 +139,7 @@ class _Copy:
             self.done.metadata += 1
 
     def _message(self, channel: int, sequence: int, log: int, publish: int, data: bytes) -> None:
+        if channel not in self._channels:
+            raise ValueError("a message without its channel")
         self._writer.add_message(self._channels[channel], log, data, publish, sequence)
         self.done.messages += 1

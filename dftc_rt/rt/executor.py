@@ -21,6 +21,7 @@ from dftc_rt.rt import limits
 from dftc_rt.rt.clock import NS, Clock
 from dftc_rt.rt.drive_link import DriveLink
 from dftc_rt.rt.limits import BY_VIOLATION, JointLimits, first_loss
+from dftc_rt.rt.sign_probe import Finding, SignProbe
 from dftc_rt.rt.supervisor import (
     ARM_TIMEOUT_S,
     FOLLOWING,
@@ -181,6 +182,9 @@ class Executor:
         self._state = State.CONFIGURE  # set-up is done: nothing is enabled
         self._phase_start = 0  # cycle at which the present phase began
         self._late = 0  # overruns in a row
+        probe = scenario.supervisor.probe
+        self._probe = SignProbe(probe, joint_limits.torque, self._period) if probe else None
+        self._probing = False
         self._law_error = ""
         self._drop_told = False
         self.t = 0.0  # scheduled time of the present cycle, s
@@ -288,6 +292,8 @@ class Executor:
         else:
             stop_ramp(elapsed * self._period, self._ramp_s, self._ramp_from, self._desired)
         of_law, where = self._run_law(elapsed if following else -1)
+        if self._probing and self._probe is not None:
+            self._probe.step(rec, self._exact.inertia)
         violation, joint = self._supervisor.check(
             rec, link.status, link.emergency, state, self._late
         )
@@ -339,7 +345,7 @@ class Executor:
             return
         if state is State.ARM:
             if self._link.all_enabled():
-                self._take(k + 1, Trigger.ENABLED, "running")
+                self._begin(k)
             elif seconds >= ARM_TIMEOUT_S:
                 who = self._joints[self._link.first_not_enabled()]
                 text = f"{who}: the drive was not enabled in {ARM_TIMEOUT_S} s"
@@ -348,6 +354,21 @@ class Executor:
             self._follow(k, elapsed)
         elif seconds >= self._ramp_s:
             self._take(k, Trigger.AT_REST, "at rest, disabling the drives")
+
+    def _begin(self, k: int) -> None:
+        """Follow the reference, once the probe has found nothing wrong."""
+        link, probe = self._link, self._probe
+        if probe is None:
+            self._take(k + 1, Trigger.ENABLED, "running")
+        elif not self._probing:
+            self._exact.update(link.q, link.v, *self._desired)
+            self._probing = True
+        elif probe.finding is Finding.RIGHT:
+            self._probing = False
+            self._law.start(link.q, link.v)  # the pushes were nothing to learn from
+            self._take(k + 1, Trigger.ENABLED, "running")
+        elif probe.finding is not Finding.UNDER_WAY:
+            self._take(k, Trigger.NOT_ARMED, probe.reason(self._joints[probe.joint]))
 
     def _await_brakes(self, k: int, elapsed: int) -> None:
         """End when every drive is off and its brake closed, or one does not say so."""
@@ -378,6 +399,8 @@ class Executor:
         ramp = BY_VIOLATION[violation].ramp
         name = self._joints[joint] if joint >= 0 else ""
         text = self._supervisor.reason(violation, joint, name, self._law_error)
+        if self._probing and violation == limits.MOVED:
+            text = f"{name}: does not hold its pose: polarity of its drive, or of one before it"
         following = self._state in FOLLOWING
         self._take(k, Trigger.RAMP if ramp else Trigger.QUICK, text)
         if following and violation in _FROM_WHERE_IT_IS:

@@ -18,9 +18,20 @@ from typing import Any
 
 from dftc_rt.cli.session import versions
 from dftc_rt.errors import EnvironmentLacksError
-from tests.benchmarks.result import Result, plain, show
+from tests.benchmarks.result import SECONDS_VARIABLE, Result, plain, show
 
-NAMES = ("simulation", "compute", "exchange", "bus", "log", "realtime", "faults", "chaos")
+NAMES = (
+    "simulation",
+    "compute",
+    "exchange",
+    "bus",
+    "log",
+    "realtime",
+    "faults",
+    "chaos",
+    "fuzz",
+    "soak",
+)
 
 
 def machine() -> dict[str, Any]:
@@ -56,7 +67,10 @@ def main() -> None:
     parser.add_argument("names", nargs="*", metavar="name", help=f"of {', '.join(NAMES)}; all")
     parser.add_argument("--quick", action="store_true", help="short runs: see that it works")
     parser.add_argument("--json", metavar="FILE", type=Path, help="write the results here too")
+    parser.add_argument("--seconds", type=float, help="how long soak and chaos last")
     options = parser.parse_args()
+    if options.seconds is not None:
+        os.environ[SECONDS_VARIABLE] = str(options.seconds)
     if unknown := set(options.names) - set(NAMES):
         parser.error(f"no benchmark {', '.join(sorted(unknown))}; there are {', '.join(NAMES)}")
     where = machine()

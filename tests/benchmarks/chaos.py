@@ -10,7 +10,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from tests.benchmarks.result import Aim, Result, Table
+from tests.benchmarks.result import Aim, Result, Table, seconds_of
 from tests.integration.chaos import draw, endure
 from tests.integration.forked import ForkServer
 from tests.integration.survival import SCENARIO
@@ -27,7 +27,7 @@ def run(quick: bool) -> Result:
     failed: list[str] = []
     runs = 0
     server = ForkServer(SCENARIO, ["fault=[]"])
-    until = time.monotonic() + (10.0 if quick else 60.0 * MINUTES)
+    until = time.monotonic() + seconds_of(10.0 if quick else 60.0 * MINUTES)
     with tempfile.TemporaryDirectory(prefix="chaos-") as folder:
         while time.monotonic() < until or not runs:
             drawn = draw(random_)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, TextIO
 
+SECONDS_VARIABLE = "DFTC_BENCHMARK_SECONDS"
 Cell = str | int | float | None
 
 
@@ -70,6 +72,11 @@ class Result:
     tables: Sequence[Table] = ()
     aims: Sequence[Aim] = ()
     notes: Sequence[str] = field(default_factory=tuple)
+
+
+def seconds_of(default: float) -> float:
+    """How long a benchmark lasts: what ``--seconds`` says, else its own time."""
+    return float(os.environ.get(SECONDS_VARIABLE, default))
 
 
 def show(result: Result, out: TextIO) -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
-from dftc_rt.errors import EnvironmentLacksError
+from dftc_rt.errors import EnvironmentLacksError, InputError, MissingFileError
 from dftc_rt.pool import Task, run
 
 
@@ -33,6 +33,14 @@ def broken() -> None:
     raise ValueError("on purpose")
 
 
+def refused() -> None:
+    raise InputError("a.toml: key", "found 1", "2")
+
+
+def not_there() -> None:
+    raise MissingFileError("a.toml", "no such file", "a file")
+
+
 def killed() -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
@@ -55,6 +63,18 @@ def test_workers_have_one_thread_and_this_process_keeps_its_own() -> None:
 def test_one_worker_does_all_lanes() -> None:
     tasks = [Task(f"{k}", double, (k,), k) for k in range(3)]
     assert run(tasks, 1) == {"0": 0, "1": 2, "2": 4}
+
+
+@pytest.mark.parametrize(("task", "kind"), [(refused, InputError), (not_there, MissingFileError)])
+def test_bad_input_found_by_a_worker_comes_out_as_it_was(
+    task: Callable[[], None], kind: type[InputError]
+) -> None:
+    with pytest.raises(kind) as caught:
+        run([Task("a", task)], 1)
+    with pytest.raises(kind) as here:
+        task()
+    assert str(caught.value) == str(here.value)
+    assert (caught.value.where, caught.value.exit_code) == (here.value.where, 2)
 
 
 def test_an_error_in_a_task_comes_out_with_its_traceback() -> None:

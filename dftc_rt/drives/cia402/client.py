@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from typing import Final
 
 import numpy as np
+from canopen.objectdictionary import ObjectDictionaryError
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError, SdoError
 
 from dftc_rt.bus.interface import FrameSocket
@@ -249,7 +250,12 @@ class Cia402Client:
         node = self._nodes[i]
         variable = node.object_dictionary.get_variable(index, subindex)
         assert variable is not None
-        value = variable.decode_raw(node.sdo.upload(index, subindex))
+        data = node.sdo.upload(index, subindex)
+        try:
+            value = variable.decode_raw(data)
+        except ObjectDictionaryError:
+            what = f"answers {len(data)} bytes for object {index:04X}h:{subindex:02X}h"
+            raise self._error(i, f"{what}, not {len(variable) // 8}") from None
         assert isinstance(value, int)
         return value
 

@@ -7,8 +7,10 @@ time is up. Nothing runs once the call has returned.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import select
+import struct
 import time
 from collections.abc import Callable
 from typing import Any
@@ -20,6 +22,7 @@ from canopen.sdo.exceptions import SdoCommunicationError
 
 from dftc_rt.bus.frame import FRAME_SIZE, frame_buffer, pack, unpack
 from dftc_rt.bus.interface import FrameSocket
+from dftc_rt.drives.cia402 import objects as od
 from dftc_rt.errors import BusError
 
 # Without a handler, canopen's log lines would reach stderr next to the error that says
@@ -71,8 +74,11 @@ class SocketNetwork(canopen.Network):
             total += count
             for row in range(count):
                 can_id, data = unpack(self._in[row, :FRAME_SIZE])
-                if can_id <= 0x7FF:
-                    self.notify(can_id, bytearray(data), 0.0)
+                if can_id <= 0x7FF and not (_is_answer(can_id) and len(data) < 8):
+                    # Any node may send what canopen cannot parse: an NMT state that is none, half
+                    # an emergency. It says nothing about a drive, and is left out.
+                    with contextlib.suppress(struct.error, LookupError, ValueError):
+                        self.notify(can_id, bytearray(data), 0.0)
         return total
 
     def wait_for(self, done: Callable[[], bool]) -> bool:
@@ -90,6 +96,11 @@ class SocketNetwork(canopen.Network):
                 return False
             self._poll.poll(1000.0 * left)
         return True
+
+
+def _is_answer(can_id: int) -> bool:
+    """Whether an identifier is that of SDO answers, which have 8 bytes."""
+    return od.SDO_RESPONSE < can_id < od.SDO_RESPONSE + 0x80
 
 
 class PumpedSdoClient(SdoClient):

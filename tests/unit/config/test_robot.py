@@ -36,7 +36,7 @@ def refused(raw: dict[str, Any]) -> str:
         ({"torque_limit_nm": -1},
          "joint[0].torque_limit_nm: found -1.0 (expected more than 0, finite)"),
         ({"armature": -0.1}, "joint[0].armature: found -0.1 (expected 0 or more, finite)"),
-        ({"delay_cycles": -1}, "joint[0].delay_cycles: found -1 (expected 0 or more)"),
+        ({"delay_cycles": -1}, "joint[0].delay_cycles: found -1 (expected 0 to 1000)"),
         ({"zero_offset_rad": math.inf},
          "joint[0].zero_offset_rad: found inf (expected a finite number)"),
     ],

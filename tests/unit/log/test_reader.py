@@ -141,7 +141,8 @@ def test_a_flipped_bit_is_found(log: Path, tmp_path: Path) -> None:
 
 
 def test_a_flipped_bit_is_found_by_the_checksum_alone(tmp_path: Path) -> None:
-    definition, payload = "float64 t\nfloat64 q_a\n", b"\0\1\0\0" + b"\x55" * 16
+    layout = cycle_layout(("a",), NAMES)
+    definition, payload = layout.definition, b"\0\1\0\0" + b"\x55" * 8 * layout.size
     content = other_log("/cycle", definition, payload, compression=CompressionType.NONE)
     path = tmp_path / "x.mcap"
     path.write_bytes(content)

@@ -1,0 +1,167 @@
+"""Twenty minutes of ``dftc hil`` in real time: memory, descriptors, drops, lateness.
+
+cyclictest runs in the same minutes on the same core, one priority above the controller, so that
+it tells what the machine did to both. ``--seconds`` makes it shorter.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dftc_rt.cli.processes.roles import CONTROLLER_PRIORITY
+from dftc_rt.errors import EnvironmentLacksError
+from dftc_rt.rt.process import last_core
+from tests.benchmarks import cyclictest
+from tests.benchmarks.processes import hil
+from tests.benchmarks.result import Aim, Result, Table, seconds_of
+
+SCENARIO = "panda_shoulder_loss"
+SECONDS = 1200.0
+_SAMPLES = 240  # at most one every half a second
+_WARM = 0.2  # of the run, which does not count
+_FLAT_KB_PER_MIN = 50.0
+_SETTLED = 2  # samples at either end, in which a process starts or ends
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One process at one moment: seconds, proportional memory in kB, open descriptors."""
+
+    t: float
+    pss_kb: int
+    descriptors: int
+
+
+class Watch(threading.Thread):
+    """Looks at the children of a child of this process, until told to end."""
+
+    def __init__(self, every_s: float) -> None:
+        super().__init__(daemon=True)
+        self.found: defaultdict[str, list[Sample]] = defaultdict(list)
+        self._every_s = every_s
+        self._ended = threading.Event()
+
+    def run(self) -> None:
+        begun = time.monotonic()
+        while not self._ended.wait(self._every_s):
+            for launcher in _children(os.getpid()):
+                for pid in (launcher, *_children(launcher)):
+                    with contextlib.suppress(OSError, ValueError):  # it has just ended
+                        name = Path(f"/proc/{pid}/comm").read_text().strip()
+                        sample = Sample(
+                            time.monotonic() - begun,
+                            _pss_kb(pid),
+                            len(os.listdir(f"/proc/{pid}/fd")),
+                        )
+                        self.found[name].append(sample)
+
+    def end(self) -> dict[str, list[Sample]]:
+        """Stop looking; return name -> samples."""
+        self._ended.set()
+        self.join()
+        return dict(self.found)
+
+
+def _children(pid: int) -> list[int]:
+    try:
+        tasks = Path(f"/proc/{pid}/task").iterdir()
+        return [int(child) for task in tasks for child in (task / "children").read_text().split()]
+    except OSError:
+        return []
+
+
+def _pss_kb(pid: int) -> int:
+    for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines():
+        if line.startswith("Pss:"):
+            return int(line.split()[1])
+    raise ValueError("no Pss")
+
+
+def slope_kb_per_min(samples: Sequence[Sample]) -> float:
+    """Least-squares slope of the memory of one process, kB/min."""
+    t = np.array([sample.t for sample in samples]) / 60.0
+    memory = np.array([sample.pss_kb for sample in samples], dtype=np.float64)
+    return float(np.polyfit(t - t.mean(), memory, 1)[0])
+
+
+def counted(samples: Sequence[Sample], seconds: float) -> list[Sample]:
+    """Those of a process that is neither warming up nor about to end; none if it lived shorter."""
+    inside = [s for s in samples[:-_SETTLED] if s.t - samples[0].t >= _WARM * seconds]
+    return inside if len(inside) > 4 else []
+
+
+def run(quick: bool) -> Result:
+    """Run it, and say what grew."""
+    seconds = seconds_of(10.0 if quick else SECONDS)
+    core = last_core()
+    floors: list[cyclictest.Lateness] = []
+    notes = [f"{seconds:g} s on core {core}; {_WARM:.0%} of it is warm-up and does not count"]
+
+    def floor() -> None:
+        try:
+            whole = max(int(seconds), 1)
+            floors.append(cyclictest.measure(core, whole, CONTROLLER_PRIORITY + 1, late_us=1000))
+        except EnvironmentLacksError as error:
+            notes.append(f"cyclictest not measured: {error}")
+
+    beside = threading.Thread(target=floor)
+    watch = Watch(max(seconds / _SAMPLES, 0.5))
+    with tempfile.TemporaryDirectory(prefix="dftc-soak-") as folder:
+        beside.start()
+        watch.start()
+        found = hil(SCENARIO, seconds, (), Path(folder))
+        samples = watch.end()
+        beside.join()
+    lasting = {name: inside for name, all_ in samples.items() if (inside := counted(all_, seconds))}
+    lateness = found["lateness_us"]
+    rows: list[tuple[str | float | None, ...]] = [
+        ("dftc hil", found["cycles"], *(lateness[key] for key in ("p50", "p99", "max")))
+    ]
+    rows += [("cyclictest", f.samples, f.p50_us, f.p99_us, f.max_us) for f in floors]
+    dropped = sum(found["recorder_dropped"].values())
+    if found["end_state"] != "done":
+        notes.append(f"{found['end_state']}: {found['reason']}")
+    return Result(
+        "soak",
+        [
+            Table("Lateness in the same minutes, us", ("", "wake-ups", "p50", "p99", "max"), rows),
+            _processes(lasting),
+        ],
+        [*_aims(lasting), Aim("records dropped by the recorder", "<=", 0.0, float(dropped))],
+        [*notes, f"overruns {found['overruns']}, missed answers {found['missed_answers']}"],
+    )
+
+
+def _processes(lasting: Mapping[str, Sequence[Sample]]) -> Table:
+    rows = [
+        (
+            name, len(inside), inside[0].pss_kb, inside[-1].pss_kb, slope_kb_per_min(inside),
+            min(s.descriptors for s in inside), max(s.descriptors for s in inside),
+        )
+        for name, inside in sorted(lasting.items())
+    ]  # fmt: skip
+    return Table(
+        "Processes, after warm-up",
+        ("", "samples", "kB first", "kB last", "kB/min", "descriptors", "most"), rows,
+    )  # fmt: skip
+
+
+def _aims(lasting: Mapping[str, Sequence[Sample]]) -> list[Aim]:
+    if not lasting:
+        return [Aim("memory that a process gains, kB/min", "<=", _FLAT_KB_PER_MIN, None)]
+    steepest = max(slope_kb_per_min(inside) for inside in lasting.values())
+    moved = max(len({s.descriptors for s in inside}) - 1 for inside in lasting.values())
+    return [
+        Aim("memory that a process gains, kB/min", "<=", _FLAT_KB_PER_MIN, steepest),
+        Aim("changes of a process's descriptors", "<=", 0.0, float(moved)),
+    ]
