@@ -39,6 +39,7 @@ def build() -> App:
         rig,
         robots,
         simulate,
+        view,
     )
 
     app = App(
@@ -63,6 +64,7 @@ def build() -> App:
         identify.identify,
         analyze.analyze,
         report.report,
+        view.view,
         export.export,
         replay.replay,
         recover.recover,
