@@ -17,6 +17,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from dftc_rt.dynamics.model import Robot
+from dftc_rt.dynamics.urdf import captured, data_dir
 
 F64 = NDArray[np.float64]
 
@@ -94,7 +95,7 @@ class Visuals:
         try:
             self.shapes = _of_urdf(robot)
         except ValueError as error:
-            self.note = f"drawn as sticks: {' '.join(str(error).split())}"
+            self.note = f"drawn as sticks: {error}"
             self.shapes = []
         if not self.shapes:
             self.note = self.note or "drawn as sticks: the URDF has no shapes"
@@ -118,12 +119,18 @@ def _of_urdf(robot: Robot) -> list[Visual]:
     Raises:
         ValueError: A mesh is not found, or cannot be read.
     """
-    folders = [str(path) for path in (*robot.package_dirs, robot.urdf_path.parent)]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Pinocchio warns of its own overloads
-        found = pin.buildGeomFromUrdfString(
-            robot.model, robot.urdf_xml, pin.GeometryType.VISUAL, folders
-        )
+    # A log has the URDF's text and not always its place: the installed package has its meshes.
+    places = (*robot.package_dirs, data_dir().parents[1], robot.urdf_path.parent)
+    said: list[str] = []
+    try:
+        with warnings.catch_warnings(), captured(1) as said:
+            warnings.simplefilter("ignore")  # Pinocchio warns of its own overloads
+            found = pin.buildGeomFromUrdfString(
+                robot.model, robot.urdf_xml, pin.GeometryType.VISUAL, [str(p) for p in places]
+            )
+    except Exception as error:  # Boost.Python hands on any C++ exception
+        reason = "".join(said).removeprefix("Caught:") or str(error)  # the first of its overloads
+        raise ValueError(" ".join(reason.split())) from None
     visuals = []
     for each in found.geometryObjects:
         shape = _shape(each)
