@@ -54,7 +54,7 @@ def fault_figure(
             "matplotlib is not installed", "pip install 'dftc_rt[figures]'"
         ) from None
 
-    known = fault_windows.faults_of(fault_windows.scenario_of(run))
+    known = fault_windows.all_faults(run, fault_windows.scenario_of(run))
     fault = next((f for f in known if f.joint in run.joints and joint in (None, f.joint)), None)
     if fault is None:
         raise InputError("figure", f"no fault on {joint or 'any joint'} in this run")

@@ -21,7 +21,7 @@ from dftc_rt.cli import session
 from dftc_rt.cli.output import log_file
 from dftc_rt.cli.processes import roles
 from dftc_rt.cli.processes.buses import RigBuses, choose, join, make_rig
-from dftc_rt.cli.processes.child import Flags
+from dftc_rt.cli.processes.child import BusLoads, Flags
 from dftc_rt.cli.processes.launcher import Ended, Launcher
 from dftc_rt.cli.processes.roles import Rings
 from dftc_rt.cli.session import Session
@@ -32,7 +32,9 @@ from dftc_rt.errors import DftcError
 from dftc_rt.log.pieces import read_pieces
 from dftc_rt.rt.executor import Counters, Outcome
 from dftc_rt.rt.process import report_refused
+from dftc_rt.view.server import check_installed
 from hil.bus.port import BusPort
+from hil.fault_desk import FaultDesk
 from hil.rig import Rig
 from hil.simulate import in_process_rig
 
@@ -48,6 +50,7 @@ def hil(
     set_: Sequence[str] = (),
     bus_dir: str | Path | None = None,
     frames: bool = False,
+    view: bool = False,
     report: Annotated[bool, Parameter(negative="--no-report")] = True,
     json: bool = False,
 ) -> int:
@@ -67,6 +70,7 @@ def hil(
         set_: Override a key, ``a.b=value``; may be repeated.
         bus_dir: Directory of the user-space buses; default: a private one.
         frames: Log every frame that the controller sends and receives, to /can.
+        view: Serve a page on 127.0.0.1 with the robot, curves and a panel of faults.
         report: Write an HTML report beside the log.
         json: Print one JSON object on stdout.
 
@@ -77,13 +81,17 @@ def hil(
         InputError: The scenario is wrong.
         EnvironmentLacksError: The machine lacks what was asked for.
     """
+    if view:
+        check_installed()
     opened = session.open_session(scenario, set_)
     choice = choose(opened, bus, lockstep=lockstep)
     with log_file(opened, log, report=report) as path:
         warm_up(opened)
         with tempfile.TemporaryDirectory(prefix="dftc-") as private:
             directory = Path(bus_dir) if bus_dir is not None else Path(private)
-            ended = _over(opened, choice, directory, Path(private), path, lockstep, frames, json)
+            ended = _over(
+                opened, choice, directory, Path(private), path, lockstep, frames, json, view
+            )
         return finish(opened, ended, report=report, json=json)
 
 
@@ -96,6 +104,7 @@ def _over(
     lockstep: bool,
     frames: bool,
     json: bool,
+    view: bool,
 ) -> Ended:
     """Open the buses, run, and close them."""
     buses = RigBuses(bus_names(opened.robot.joint_config), opened.scenario.bus, choice)
@@ -108,10 +117,16 @@ def _over(
             private.rmdir()
 
     try:
-        where = f" (sockets in {directory})" if choice.kind == "unix" else ""
+        where = {
+            "unix": f" (sockets in {directory})",
+            "vcan": f" (dftc fault --bus-dir {private})",
+        }.get(choice.kind, "")
         print(f"bus: {choice.reason}{where}", file=sys.stderr, flush=True)
         with Status(opened, quiet=json or lockstep) as status:
-            return _launch(opened, choice, buses, path, lockstep, frames, status, abandon)
+            asks = directory if choice.kind == "unix" else private
+            return _launch(
+                opened, choice, buses, path, lockstep, frames, status, abandon, asks, view
+            )
     finally:
         buses.release()
 
@@ -125,7 +140,10 @@ def _launch(
     frames: bool,
     status: Status,
     abandon: Callable[[], None],
+    asks: Path,
+    view: bool,
 ) -> Ended:
+    """Run the processes; the rig takes faults in the directory ``asks``."""
     rings, flags = Rings.create(opened, frames=frames), Flags()
     epoch_ns = 0 if lockstep else time.time_ns()
     names = bus_names(opened.robot.joint_config)
@@ -150,6 +168,12 @@ def _launch(
         return make_rig(opened, ports, rings.rig, rings.events[1].write), ports
 
     alone = choice.kind == "inprocess"
+    loads = BusLoads(len(names))
+
+    def attend(made: Rig, ports: Sequence[BusPort]) -> FaultDesk:
+        event = rings.events[1].write
+        return roles.take_faults(made, opened, asks, event, ports, loads if view else None)
+
     watchdog_s = opened.scenario.rig.drive.watchdog_s
     return Launcher(
         rings,
@@ -159,13 +183,16 @@ def _launch(
             lockstep=lockstep,
         ),
         None if alone else functools.partial(
-            roles.rig, opened, build, rings, flags, abandon, lockstep=lockstep
+            roles.rig, opened, build, rings, flags, abandon, attend, lockstep=lockstep
         ),
         lambda file: roles.recorder(opened, file, epoch_ns, rings, with_rig=True),
         path,
         status.watch,
         crash_s=0.0 if lockstep else watchdog_s + _CRASH_MARGIN_S,
         real_time=not lockstep,
+        view=functools.partial(
+            roles.view, opened, rings, flags, None if alone else asks, loads
+        ) if view else None,
     ).run()  # fmt: skip
 
 

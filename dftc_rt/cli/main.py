@@ -29,6 +29,7 @@ def build() -> App:
         control,
         doctor,
         export,
+        fault,
         hil,
         identify,
         paper,
@@ -75,6 +76,7 @@ def build() -> App:
     ):
         app.command(function)
     app.command(bus.bus())
+    app.command(fault.fault())
     return app
 
 

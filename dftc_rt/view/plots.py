@@ -81,9 +81,7 @@ class Window:
     def draw(self, plots: Plots) -> None:
         """Show what is kept."""
         block = np.array(self._rows)
-        t, rho_hat, rho, error, torque = np.split(
-            block, 1 + self._n * np.arange(4), axis=1
-        )
+        t, rho_hat, rho, error, torque = np.split(block, 1 + self._n * np.arange(4), axis=1)
         plots.show(t[:, 0], rho_hat, rho, error, torque)
 
 

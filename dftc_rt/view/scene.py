@@ -13,8 +13,9 @@ from dftc_rt.dynamics.visuals import Box, Cylinder, Mesh, Sphere, Visual, Visual
 F64 = NDArray[np.float64]
 
 _WEAK: Final = np.array([0.86, 0.10, 0.10])  # colour of a joint that has lost everything
-_GHOST: Final = (70, 130, 230)
-_GHOST_OPACITY: Final = 0.3
+_GHOST: Final = (60, 160, 255)
+_GHOST_OPACITY: Final = 0.15
+_AMBIENT: Final = 2.5
 _SHADES: Final = 20  # steps of the tint; only a change of step is sent
 
 
@@ -37,6 +38,7 @@ class RobotScene:
         scene = server.scene
         scene.configure_environment_map(None)  # light from lamps alone
         scene.configure_default_lights(cast_shadow=False)
+        scene.add_light_ambient("/light", intensity=_AMBIENT)
         self._bodies = _Bodies(scene, "/robot", self._visuals, n)
         self._ghost = _Bodies(scene, "/desired", self._visuals, n, _GHOST_OPACITY)
         self._bodies.move(self._poses)
@@ -55,7 +57,7 @@ class RobotScene:
         centre = 0.5 * (points.max(axis=0) + points.min(axis=0)) * 0.8
         camera = self._server.initial_camera
         camera.look_at = tuple(centre)
-        camera.position = tuple(centre + reach * np.array([1.7, -1.7, 0.9]))
+        camera.position = tuple(centre + reach * np.array([1.4, -1.4, 0.7]))
         return reach
 
     def _lowest(self, reach: float) -> float:
@@ -132,7 +134,7 @@ class _Bodies:
 
 
 def _rgb(colour: F64) -> tuple[int, int, int]:
-    r, g, b = (int(round(255 * float(x))) for x in np.clip(colour, 0.0, 1.0))
+    r, g, b = (round(255 * float(x)) for x in np.clip(colour, 0.0, 1.0))
     return r, g, b
 
 

@@ -54,7 +54,7 @@ class PageServer:
         import viser
         import websockets.asyncio.server as handshake
 
-        class Server(viser.ViserServer):  # type: ignore[misc]
+        class Server(viser.ViserServer):
             def request_share_url(self, verbose: bool = True) -> str | None:
                 return None  # viser would open a tunnel to a server of its makers
 

@@ -20,6 +20,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from dftc_rt.errors import DftcError
 from dftc_rt.rt.process import die_with_parent, name_process
@@ -83,6 +84,23 @@ class Flags:
     @serving.setter
     def serving(self, value: bool) -> None:
         self._words[3] = value
+
+
+class BusLoads:
+    """How long each bus has been busy, in a page that the rig writes and the view reads."""
+
+    def __init__(self, buses: int) -> None:
+        """Map the page for so many buses; it is inherited by fork."""
+        self._map = mmap.mmap(-1, 16 * buses)
+        self._rows = np.frombuffer(self._map, np.float64).reshape(buses, 2)
+
+    def write(self, bus: int, t: float, busy_s: float) -> None:
+        """Writer: bus ``bus`` was busy for ``busy_s`` seconds by rig time ``t``, s."""
+        self._rows[bus] = t, busy_s
+
+    def read(self) -> NDArray[np.float64]:
+        """Anybody: rig time and time busy of each bus, (buses, 2), s."""
+        return self._rows.copy()
 
 
 class Child:

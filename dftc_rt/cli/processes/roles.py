@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from dftc_rt.bus.interface import FrameSocket
-from dftc_rt.cli.processes.child import Flags, on_sigterm
+from dftc_rt.cli.processes.child import BusLoads, Flags, on_sigterm
 from dftc_rt.cli.session import Session, ending
 from dftc_rt.controller import connect
 from dftc_rt.errors import BusError
@@ -18,10 +19,12 @@ from dftc_rt.log.process import record
 from dftc_rt.ring import EventRing, Ring
 from dftc_rt.rt.clock import Clock, LockstepClock, RealClock
 from dftc_rt.rt.executor import ERROR, INFO
-from dftc_rt.rt.process import RealTime, first_core, last_core
+from dftc_rt.rt.process import RealTime, first_core, last_core, stand_back
+from dftc_rt.view.run import LiveRun
 from hil.bus.port import BusPort
+from hil.fault_desk import FaultDesk
 from hil.loop import run_lockstep, run_wall
-from hil.rig import Rig
+from hil.rig import EventFunction, Rig
 
 CONTROLLER_PRIORITY = 80
 # Equal, on one core: the controller sends SYNC on all its buses and blocks, then the rig
@@ -30,6 +33,7 @@ CONTROLLER_PRIORITY = 80
 RIG_PRIORITY = 80
 _ORPHAN_PATIENCE_S = 3.0
 _LOOK_S = 0.005
+_LOAD_STEPS = 128
 
 
 @dataclasses.dataclass(frozen=True)
@@ -158,6 +162,7 @@ def rig(
     rings: Rings,
     flags: Flags,
     clean_up: Callable[[], object],
+    attend: Callable[[Rig, Sequence[BusPort]], FaultDesk],
     *,
     lockstep: bool,
 ) -> dict[str, Any]:
@@ -169,6 +174,7 @@ def rig(
         rings: Where records and events go.
         flags: ``end`` asks the rig to end.
         clean_up: Called at the end when the launcher, whose work it is, was killed.
+        attend: Has it take faults while it runs: :func:`take_faults`.
         lockstep: Rig time moves by barriers only; no real-time settings.
 
     Returns:
@@ -189,8 +195,10 @@ def rig(
     refused: list[str] = []
     real_time: RealTime | None = None
     ports: Sequence[BusPort] = ()
+    desk: FaultDesk | None = None
     try:
         made, ports = build()
+        desk = attend(made, ports)
         if not lockstep:
             real_time = RealTime(RIG_PRIORITY, rig_core(opened))
             refused = real_time.refused
@@ -202,6 +210,7 @@ def rig(
         return {
             "refused": refused,
             "stalls": made.stalls,
+            "faults_refused": desk.refused,
             "buses": {port.name: dataclasses.asdict(port.statistics) for port in ports},
         }
     finally:
@@ -209,10 +218,85 @@ def rig(
         rings.events[1].end()
         for port in ports:
             port.close()
+        if desk is not None:
+            desk.close()
         if orphaned_at[0]:
             clean_up()
         if real_time is not None:
             real_time.release()
+
+
+def take_faults(
+    made: Rig,
+    opened: Session,
+    directory: Path,
+    event: EventFunction,
+    ports: Sequence[BusPort] = (),
+    loads: BusLoads | None = None,
+) -> FaultDesk:
+    """Have a rig take faults while it runs, and tell how busy its buses are.
+
+    Args:
+        made: The rig.
+        opened: The session.
+        directory: Where the socket for faults is to lie.
+        event: Takes events.
+        ports: The rig's buses.
+        loads: Where to tell their load; None: nowhere.
+
+    Returns:
+        What takes them; to be closed.
+
+    Raises:
+        InputError: The socket cannot be made.
+    """
+    desk = FaultDesk(directory, opened.scenario.fault, made.change_faults, event)
+
+    def each_step(t: float) -> None:
+        desk.take(t)
+        if loads is not None and made.steps % _LOAD_STEPS == 0:  # one bus at a time: it takes long
+            bus = made.steps // _LOAD_STEPS % len(ports)
+            loads.write(bus, t, ports[bus].statistics.busy_s)
+
+    made.each_step = each_step
+    return desk
+
+
+def view(
+    opened: Session,
+    rings: Rings,
+    flags: Flags,
+    directory: Path | None,
+    loads: BusLoads,
+) -> dict[str, Any]:
+    """Serve the page; the whole of ``dftc-view``.
+
+    Args:
+        opened: The session.
+        rings: What is read, and never drained: that is the recorder's.
+        flags: ``stop`` asks for a safe stop.
+        directory: Where the rig takes faults; None: it takes none.
+        loads: How busy the buses are.
+
+    Raises:
+        EnvironmentLacksError: viser is not installed.
+    """
+    from dftc_rt.view.live import LivePage  # after the fork: nobody else needs it
+
+    ended: list[int] = []
+    on_sigterm(lambda: ended.append(1))
+    stand_back()
+
+    def stop() -> None:
+        flags.stop = True
+
+    run = LiveRun(opened.robot, rings.cycle.latest, rings.rig.latest, opened.can.buses, loads.read)
+    page = LivePage(opened.scenario.name, run, stop, directory)
+    print(f"view: {page.url}", file=sys.stderr, flush=True)
+    if page.note:
+        print(f"view: {page.note}", file=sys.stderr, flush=True)
+    page.serve(lambda: bool(ended))
+    return {}
 
 
 def recorder(
