@@ -104,9 +104,33 @@ class Browser:
             return [r.x + r.width / 2, r.y + r.height / 2];
         }})()"""
         self.until(lambda: self.evaluate(script), f"a button '{label}'")
-        x, y = self.evaluate(script)
+        self._press(*self.evaluate(script))
+
+    def _press(self, x: float, y: float) -> None:
         for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
             self._ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+    def choose(self, label: str, value: str) -> None:
+        """Choose a value from the first list with this label, by keyboard and mouse."""
+        box = f"""(() => {{
+            const found = [...document.querySelectorAll('label')].find(
+                l => l.innerText.trim() === {json.dumps(label)});
+            const list = found && document.getElementById(found.htmlFor);
+            if (!list) return null;
+            list.scrollIntoView({{block: 'center'}});
+            const r = list.getBoundingClientRect();
+            return [r.x + r.width / 2, r.y + r.height / 2];
+        }})()"""
+        option = f"""(() => {{
+            const found = [...document.querySelectorAll('[role=option]')].find(
+                o => o.innerText.trim() === {json.dumps(value)} && o.offsetParent !== null);
+            if (!found) return null;
+            const r = found.getBoundingClientRect();
+            return [r.x + r.width / 2, r.y + r.height / 2];
+        }})()"""
+        for place in (box, option):
+            self.until(lambda place=place: self.evaluate(place), f"{label}: {value}")
+            self._press(*self.evaluate(place))
 
     def screenshot(self) -> NDArray[np.uint8]:
         """Return what is seen, (height, width, 3)."""
