@@ -20,7 +20,7 @@ from dftc_rt.cli.session import versions
 from dftc_rt.errors import EnvironmentLacksError
 from tests.benchmarks.result import Result, plain, show
 
-NAMES = ("simulation", "compute", "exchange", "bus", "log", "realtime", "faults", "chaos")
+NAMES = ("simulation", "compute", "exchange", "bus", "log", "realtime", "view", "faults", "chaos")
 
 
 def machine() -> dict[str, Any]:
