@@ -15,7 +15,8 @@ F64 = NDArray[np.float64]
 _WEAK: Final = np.array([0.86, 0.10, 0.10])  # colour of a joint that has lost everything
 _GHOST: Final = (60, 160, 255)
 _GHOST_OPACITY: Final = 0.15
-_AMBIENT: Final = 2.5
+_AMBIENT: Final = 1.2
+FIELD_OF_VIEW: Final = 1.0  # rad, from bottom to top
 _SHADES: Final = 20  # steps of the tint; only a change of step is sent
 
 
@@ -43,22 +44,15 @@ class RobotScene:
         self._ghost = _Bodies(scene, "/desired", self._visuals, n, _GHOST_OPACITY)
         self._bodies.move(self._poses)
         self._ghost.move(self._poses)
-        reach = self._look()
+        look_at, position, reach = camera(self._poses)
+        server.initial_camera.look_at = tuple(look_at)
+        server.initial_camera.position = tuple(position)
+        server.initial_camera.fov = FIELD_OF_VIEW
         scene.add_grid(
             "/floor", width=4 * reach, height=4 * reach, cell_size=reach / 5,
             section_size=reach, position=(0.0, 0.0, self._lowest(reach)),
         )  # fmt: skip
         self._shades = np.full(n, _SHADES)
-
-    def _look(self) -> float:
-        """Point the camera at the robot; return its reach from the base, m."""
-        points = self._poses[:, :3]
-        reach = max(float(np.abs(points).max(initial=0.0)), 0.3)
-        centre = 0.5 * (points.max(axis=0) + points.min(axis=0)) * 0.8
-        camera = self._server.initial_camera
-        camera.look_at = tuple(centre)
-        camera.position = tuple(centre + reach * np.array([1.4, -1.4, 0.7]))
-        return reach
 
     def _lowest(self, reach: float) -> float:
         """Height of the floor: the base, or below what hangs from it."""
@@ -88,6 +82,21 @@ class RobotScene:
     def show_ghost(self, visible: bool) -> None:
         """Show or hide the desired pose."""
         self._ghost.visible = visible
+
+
+def camera(poses: F64) -> tuple[F64, F64, float]:
+    """Where the camera is at first.
+
+    Args:
+        poses: Of the joints at home, (n, 7): :meth:`dftc_rt.dynamics.visuals.Visuals.poses`.
+
+    Returns:
+        The point that it looks at, (3,), its position, (3,), both m, and the robot's reach, m.
+    """
+    points = poses[:, :3]
+    reach = max(float(np.abs(points).max(initial=0.0)), 0.3)
+    centre = 0.4 * (points.max(axis=0) + points.min(axis=0))
+    return centre, centre + reach * np.array([1.4, -1.4, 0.7]), reach
 
 
 class _Bodies:

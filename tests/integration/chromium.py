@@ -132,6 +132,23 @@ class Browser:
             self.until(lambda place=place: self.evaluate(place), f"{label}: {value}")
             self._press(*self.evaluate(place))
 
+    def type(self, label: str, text: str) -> None:
+        """Write a text into the last field that stands with this label, and leave it."""
+        field = f"""(() => {{
+            const found = [...document.querySelectorAll('label')].find(
+                l => l.innerText.trim() === {json.dumps(label)});
+            let box = found && found.parentElement;
+            while (box && !box.querySelector('input[type=text]')) box = box.parentElement;
+            const input = box && [...box.querySelectorAll('input[type=text]')].shift();
+            if (!input) return false;
+            input.focus(); input.select();
+            return true;
+        }})()"""
+        self.until(lambda: self.evaluate(field), f"a field '{label}'")
+        self._ask("Input.insertText", text=text)
+        for kind in ("keyDown", "keyUp"):
+            self._ask("Input.dispatchKeyEvent", type=kind, key="Enter", windowsVirtualKeyCode=13)
+
     def screenshot(self) -> NDArray[np.uint8]:
         """Return what is seen, (height, width, 3)."""
         data = base64.b64decode(self._ask("Page.captureScreenshot", format="png")["data"])

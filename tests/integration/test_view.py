@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import lzma
 import os
 import re
 import signal
 import socket
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 from urllib.error import HTTPError
 from urllib.request import urlopen
 
@@ -18,14 +20,19 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from dftc_rt.analysis.metrics import evaluate
+from dftc_rt.dynamics.robot import load_robot
+from dftc_rt.dynamics.visuals import Mesh, Visuals
 from dftc_rt.log.reader import read
+from dftc_rt.view.scene import FIELD_OF_VIEW, camera
 from tests.integration.chromium import Browser, chromium
 from tests.integration.commands import DFTC, PATIENT, Started, gone, started, until
 
 pytestmark = pytest.mark.realtime
 
+LOG = Path(__file__).parents[1] / "logs" / "panda_calibrated.mcap.xz"
 LOADED = "shoulder_lift_joint"
 UINT8 = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
 
 
 @pytest.fixture
@@ -35,6 +42,7 @@ def run(tmp_path: Path) -> Iterator[Started]:
         tmp_path / "run", DFTC, "hil", "ur5_elbow_loss", "--view", "--bus", "unix", "--no-report",
         *PATIENT, "--set", "fault=[]", "--set", "duration_s=600", "--log", tmp_path / "run.mcap",
         "--set", "supervisor.overruns_in_a_row=1000",
+        "--set", "reference.amplitude_rad=0.05",
     ) as found:  # fmt: skip
         found.until_said("view: http")
         found.until_running()
@@ -45,10 +53,50 @@ def address(run: Started) -> str:
     return re.findall(r"view: (http://\S+)", run.err)[0]
 
 
-def robot_pixels(seen: UINT8) -> NDArray[np.bool_]:
-    """Pixels between the browser's warning and the panel that are neither floor nor sky."""
-    part = seen[:, 320:650].astype(int)
-    return part.max(axis=2) < 140
+def drawn(seen: UINT8) -> Mask:
+    """Pixels of something solid: neither white, nor a line of the floor, nor panel or warning."""
+    solid = seen.min(axis=2) < 235
+    lines = np.lib.stride_tricks.sliding_window_view(np.pad(solid, 2), (5, 5))
+    solid = lines.all(axis=(2, 3))
+    solid[:, 650:] = False
+    solid[:220, :330] = False
+    return solid
+
+
+def expected(shape: tuple[int, int], margin: int) -> Mask:
+    """Pixels that the corners of the UR5's meshes at home fall on, and ``margin`` around them."""
+    robot = load_robot("ur5")
+    visuals = Visuals(robot)
+    poses = np.empty((robot.n, 7))
+    visuals.poses(robot.home, poses)
+    points = []
+    for visual in visuals.shapes:
+        assert isinstance(visual.shape, Mesh)
+        own = turned(visual.quaternion, visual.shape.vertices) + visual.translation
+        if visual.joint >= 0:
+            own = turned(poses[visual.joint, 3:], own) + poses[visual.joint, :3]
+        points.append(own)
+    look_at, position, _ = camera(poses)
+    forward = (look_at - position) / np.linalg.norm(look_at - position)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    relative = np.concatenate(points) - position
+    scale = 0.5 * shape[0] / np.tan(0.5 * FIELD_OF_VIEW) / (relative @ forward)
+    columns = (0.5 * shape[1] + scale * (relative @ right)).astype(int)
+    rows = (0.5 * shape[0] - scale * (relative @ np.cross(right, forward))).astype(int)
+    mask = np.zeros(shape, bool)
+    mask[rows, columns] = True
+    size = 2 * margin + 1
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(mask, margin), (size, size))
+    found: Mask = around.any(axis=(2, 3))
+    return found
+
+
+def turned(quaternion: NDArray[np.float64], points: NDArray[Any]) -> NDArray[np.float64]:
+    """Points, (K, 3), turned by a quaternion w x y z."""
+    w, u = quaternion[0], quaternion[1:]
+    twice = 2.0 * np.cross(u, points)
+    return np.asarray(points + w * twice + np.cross(u, twice))
 
 
 def test_a_fault_from_the_page_acts_is_found_and_a_safe_stop_stops(
@@ -91,13 +139,15 @@ def test_a_fault_from_the_page_acts_is_found_and_a_safe_stop_stops(
 
 
 def looks_like_a_robot(browser: Browser) -> None:
-    """One thing of some size, higher than it is wide in places, and not the whole picture."""
-    browser.until(lambda: robot_pixels(browser.screenshot()).mean() > 0.01, "a robot to be drawn")
-    seen = robot_pixels(browser.screenshot())
-    assert 0.01 < seen.mean() < 0.5
-    rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
-    assert np.ptp(rows) > 60
-    assert np.ptp(columns) > 30
+    """What is drawn has the silhouette of the robot's meshes, to 15 pixels: it moves a little."""
+    browser.until(lambda: drawn(browser.screenshot()).sum() > 2000, "a robot to be drawn")
+    seen = drawn(browser.screenshot())
+    inside = expected(seen.shape, 15)
+    corners = expected(seen.shape, 0) & (np.arange(seen.shape[1]) < 640)
+    assert seen.sum() > 0.2 * inside.sum()
+    assert inside[seen].mean() > 0.95  # what is drawn is robot
+    size = np.lib.stride_tricks.sliding_window_view(np.pad(seen, 15), (31, 31))
+    assert size.any(axis=(2, 3))[corners].mean() > 0.95  # and all of the robot is drawn
 
 
 def row(browser: Browser, joint: str) -> list[str]:
@@ -164,3 +214,25 @@ def test_a_flood_of_nonsense_is_refused_and_the_run_goes_on(run: Started, tmp_pa
     assert "Traceback" not in run.err
     logged = read(tmp_path / "run.mcap")
     assert not [event for event in logged.events if event.text.startswith("fault")]
+
+
+def test_a_log_is_played_back_at_the_time_of_the_slider(tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    log.write_bytes(lzma.decompress(LOG.read_bytes()))
+    run = read(log)
+    with started(tmp_path / "run", DFTC, "view", log) as view:
+        view.until(lambda: "http://" in view.out, "the address")
+        with chromium(tmp_path) as browser:
+            browser.open(view.out.split()[0])
+            browser.until_said("playback")
+            first = run.joints[0]
+            browser.until(lambda: row(browser, first)[0] != "", "the table")
+            browser.type("time / s", "2.0")
+            browser.until(lambda: "t 2.0 s" in browser.text, "the slider's time")
+            k = int(np.searchsorted(run.cycle["t"], 2.0 + 1e-9, side="right")) - 1
+            for i, joint in enumerate(run.joints):
+                assert row(browser, joint)[1] == f"{run.cycle['rho_hat'][k, i]:.2f}"
+            assert browser.outside() == []
+        view.process.send_signal(signal.SIGINT)
+        assert view.end() == 0
+        assert "Traceback" not in view.err
