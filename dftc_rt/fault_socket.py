@@ -63,9 +63,9 @@ def kind_of(fault: Fault) -> str:
 
 
 def fault_table(fault: Fault) -> dict[str, Any]:
-    """The fault as a scenario's table."""
+    """The fault as a scenario's table; what may be left out and is, is."""
     table: dict[str, Any] = msgspec.to_builtins(fault)
-    return table
+    return {key: value for key, value in table.items() if value is not None}
 
 
 def ask(directory: Path, request: Request) -> Answer:
