@@ -64,15 +64,18 @@ def drawn(seen: UINT8) -> Mask:
 
 
 def expected(shape: tuple[int, int], margin: int) -> Mask:
-    """Pixels that the corners of the UR5's meshes at home fall on, and ``margin`` around them."""
+    """Pixels that points of the UR5's meshes at home fall on, and ``margin`` around them."""
     robot = load_robot("ur5")
     visuals = Visuals(robot)
     poses = np.empty((robot.n, 7))
     visuals.poses(robot.home, poses)
+    weights = np.array([(a, b, 6 - a - b) for a in range(7) for b in range(7 - a)]) / 6.0
     points = []
     for visual in visuals.shapes:
         assert isinstance(visual.shape, Mesh)
-        own = turned(visual.quaternion, visual.shape.vertices) + visual.translation
+        corners = visual.shape.vertices[visual.shape.faces]  # (T, 3, 3)
+        spread = (weights @ corners).reshape(-1, 3)
+        own = turned(visual.quaternion, spread) + visual.translation
         if visual.joint >= 0:
             own = turned(poses[visual.joint, 3:], own) + poses[visual.joint, :3]
         points.append(own)
