@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from dftc_rt.bus.barrier import OUTSIDE
 from dftc_rt.bus.frame import frame_buffer
+from dftc_rt.config.faults import Fault
 from dftc_rt.config.scenario import Scenario
 from dftc_rt.drives.wiring import bus_members, bus_names, frame_size
 from dftc_rt.dynamics.model import Robot
@@ -91,6 +92,7 @@ class Rig:
         drives: The emulated drives.
         ports: Their end of each bus.
         steps: Steps done, 0 before the first SYNC.
+        each_step: Called at every step with rig time, s, before faults act; never blocks.
     """
 
     def __init__(
@@ -119,6 +121,7 @@ class Rig:
         """
         n = robot.n
         names = bus_names(robot.joint_config)
+        self._joints, self._profile = robot.joints, scenario.bus.profile
         self._period = 1.0 / scenario.executor.rate_hz
         self._substeps = scenario.rig.plant.substeps
         faults = compile_faults(scenario.fault, robot.joints)
@@ -159,6 +162,22 @@ class Rig:
         self._substeps_done = 0
         self._last_step = 0  # wall time of the last step, ns
         self.stalls = 0
+        self.each_step: Callable[[float], object] | None = None
+
+    def change_faults(self, faults: Sequence[Fault]) -> None:
+        """Have other faults of joints, arm, drives and sensors from now on; those of buses stay.
+
+        Args:
+            faults: As a scenario has them, in rig time; those of buses are passed over.
+
+        Raises:
+            InputError: One does not fit the robot; nothing changes.
+        """
+        table = compile_faults(faults, self._joints)
+        check_failures(faults, self._profile)
+        self.plant.change_faults(table)
+        self._failures.change(faults)
+        self._sensor_faults.change(faults)
 
     @property
     def t(self) -> float:
@@ -335,6 +354,8 @@ class Rig:
         """End a step: timers, new torque commands and brakes, sensors, the record."""
         plant, drives = self.plant, self.drives
         t = plant.t
+        if self.each_step is not None:
+            self.each_step(t)
         self._failures.apply(t)
         drives.tick(t)
         plant.reveal()

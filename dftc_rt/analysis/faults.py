@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -95,6 +96,32 @@ def faults_of(scenario: dict[str, Any]) -> tuple[FaultSpec, ...]:
         except (KeyError, TypeError, ValueError) as error:
             raise LogError(f"scenario.toml: fault[{k}]", f"wrong: {error}", "a fault") from None
     return tuple(faults)
+
+
+def all_faults(run: Run, scenario: dict[str, Any]) -> tuple[FaultSpec, ...]:
+    """The scenario's faults and those applied at run time, with the ends that they had.
+
+    Raises:
+        LogError: As :func:`faults_of`, or an event does not hold what the rig writes.
+    """
+    faults = faults_of(scenario)
+    found = list(faults)
+    for event in run.events:
+        what, _, text = event.text.partition(": ")
+        if event.source != "rig" or what not in ("fault applied", "fault cleared"):
+            continue
+        try:
+            (one,) = faults_of({"fault": [json.loads(text)]})
+        except (ValueError, LogError) as error:
+            raise LogError("/events", f"'{what}' at {event.t} s: {error}", "a fault") from None
+        same = [k for k, old in enumerate(found) if (old.kind, old.joint) == (one.kind, one.joint)]
+        for k in same:  # what is applied takes the place of what came before, as a clearing ends it
+            ends = one.start_s if what == "fault applied" else one.end_s
+            if k >= len(faults) or what == "fault cleared":
+                found[k] = replace(found[k], end_s=min(found[k].end_s, ends))
+        if what == "fault applied":
+            found.append(one)
+    return tuple(fault for fault in found if fault.end_s > fault.start_s)
 
 
 def with_onsets(faults: Iterable[FaultSpec], run: Run) -> tuple[FaultSpec, ...]:

@@ -49,7 +49,7 @@ def fault_figure(
         EnvironmentLacksError: matplotlib is not installed.
     """
     figure_of = _figure_class()
-    known = fault_windows.faults_of(fault_windows.scenario_of(run))
+    known = fault_windows.all_faults(run, fault_windows.scenario_of(run))
     fault = next((f for f in known if f.joint in run.joints and joint in (None, f.joint)), None)
     if fault is None:
         raise InputError("figure", f"no fault on {joint or 'any joint'} in this run")

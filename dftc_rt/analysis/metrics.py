@@ -64,7 +64,7 @@ def evaluate(
         run: The run.
         twin: The same scenario and seed without faults.
         twin_name: What to call the twin where it is refused: its file.
-        faults: The faults of the run; None takes them from its scenario.
+        faults: The faults of the run; None takes them from its scenario and its events.
         overruns: As the executor counted them; None takes them from its last event, or,
             in a log that is cut off, derives them from the records.
         end_state: As the executor told it; None finds it in the same way.
@@ -77,7 +77,7 @@ def evaluate(
     if twin is not None:
         check_twin(run, twin, twin_name)
     scenario = fault_windows.scenario_of(run)
-    told = fault_windows.faults_of(scenario) if faults is None else tuple(faults)
+    told = fault_windows.all_faults(run, scenario) if faults is None else tuple(faults)
     given = fault_windows.with_onsets(told, run)
     begins = [fault.start_s for fault in told]
     robot, control = scenario.get("robot", {}), scenario.get("control", {})

@@ -33,7 +33,9 @@ from dftc_rt.log import live
 from dftc_rt.log.pieces import read_pieces
 from dftc_rt.rt.executor import Counters, Outcome
 from dftc_rt.rt.process import report_refused
+from dftc_rt.view.server import check_installed
 from hil.bus.port import BusPort
+from hil.fault_desk import FaultDesk
 from hil.rig import Rig
 from hil.simulate import in_process_rig
 
@@ -51,6 +53,7 @@ def hil(
     frames: bool = False,
     foxglove: bool = False,
     foxglove_port: int | None = None,
+    view: bool = False,
     report: Annotated[bool, Parameter(negative="--no-report")] = True,
     json: bool = False,
 ) -> int:
@@ -72,6 +75,7 @@ def hil(
         frames: Log every frame that the controller sends and receives, to /can.
         foxglove: Let Foxglove or Lichtblick on this machine watch the run, at ws://127.0.0.1:8765.
         foxglove_port: The same at another port.
+        view: Serve a page on 127.0.0.1 with the robot, curves and a panel of faults.
         report: Write an HTML report beside the log.
         json: Print one JSON object on stdout.
 
@@ -82,6 +86,8 @@ def hil(
         InputError: The scenario is wrong.
         EnvironmentLacksError: The machine lacks what was asked for.
     """
+    if view:
+        check_installed()
     opened = session.open_session(scenario, set_)
     choice = choose(opened, bus, lockstep=lockstep)
     live_port = _live_port(foxglove, foxglove_port)
@@ -90,7 +96,16 @@ def hil(
         with tempfile.TemporaryDirectory(prefix="dftc-") as private:
             directory = Path(bus_dir) if bus_dir is not None else Path(private)
             ended = _over(
-                opened, choice, directory, Path(private), path, lockstep, frames, json, live_port
+                opened,
+                choice,
+                directory,
+                Path(private),
+                path,
+                lockstep,
+                frames,
+                json,
+                live_port,
+                view,
             )
         return finish(opened, ended, report=report, json=json)
 
@@ -120,6 +135,7 @@ def _over(
     frames: bool,
     json: bool,
     live_port: int | None,
+    view: bool,
 ) -> Ended:
     """Open the buses, run, and close them."""
     buses = RigBuses(bus_names(opened.robot.joint_config), opened.scenario.bus, choice)
@@ -132,11 +148,25 @@ def _over(
             private.rmdir()
 
     try:
-        where = f" (sockets in {directory})" if choice.kind == "unix" else ""
+        where = {
+            "unix": f" (sockets in {directory})",
+            "vcan": f" (dftc fault --bus-dir {private})",
+        }.get(choice.kind, "")
         print(f"bus: {choice.reason}{where}", file=sys.stderr, flush=True)
         with Status(opened, quiet=json or lockstep) as status:
+            asks = directory if choice.kind == "unix" else private
             return _launch(
-                opened, choice, buses, path, lockstep, frames, status, abandon, live_port
+                opened,
+                choice,
+                buses,
+                path,
+                lockstep,
+                frames,
+                status,
+                abandon,
+                live_port,
+                asks,
+                view,
             )
     finally:
         buses.release()
@@ -152,7 +182,10 @@ def _launch(
     status: Status,
     abandon: Callable[[], None],
     live_port: int | None,
+    asks: Path,
+    view: bool,
 ) -> Ended:
+    """Run the processes; the rig takes faults in the directory ``asks``."""
     rings, flags = Rings.create(opened, frames=frames), Flags()
     epoch_ns = 0 if lockstep else time.time_ns()
     names = bus_names(opened.robot.joint_config)
@@ -177,6 +210,10 @@ def _launch(
         return make_rig(opened, ports, rings.rig, rings.events[1].write), ports
 
     alone = choice.kind == "inprocess"
+
+    def attend(made: Rig) -> FaultDesk:
+        return roles.take_faults(made, opened, asks, rings.events[1].write)
+
     watchdog_s = opened.scenario.rig.drive.watchdog_s
     return Launcher(
         rings,
@@ -186,7 +223,7 @@ def _launch(
             lockstep=lockstep,
         ),
         None if alone else functools.partial(
-            roles.rig, opened, build, rings, flags, abandon, lockstep=lockstep
+            roles.rig, opened, build, rings, flags, abandon, attend, lockstep=lockstep
         ),
         lambda file: roles.recorder(
             opened, file, epoch_ns, rings, with_rig=True, live_port=live_port
@@ -195,6 +232,9 @@ def _launch(
         status.watch,
         crash_s=0.0 if lockstep else watchdog_s + _CRASH_MARGIN_S,
         real_time=not lockstep,
+        view=functools.partial(
+            roles.view, opened, rings, flags, None if alone else asks
+        ) if view else None,
     ).run()  # fmt: skip
 
 

@@ -29,6 +29,7 @@ def build() -> App:
         control,
         doctor,
         export,
+        fault,
         hil,
         identify,
         paper,
@@ -39,6 +40,7 @@ def build() -> App:
         rig,
         robots,
         simulate,
+        view,
     )
 
     app = App(
@@ -63,6 +65,7 @@ def build() -> App:
         identify.identify,
         analyze.analyze,
         report.report,
+        view.view,
         export.export,
         replay.replay,
         recover.recover,
@@ -73,6 +76,7 @@ def build() -> App:
     ):
         app.command(function)
     app.command(bus.bus())
+    app.command(fault.fault())
     return app
 
 

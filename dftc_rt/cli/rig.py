@@ -14,13 +14,14 @@ from dftc_rt.bus.directory import resolve_directory
 from dftc_rt.cli import session
 from dftc_rt.cli.processes.buses import RigBuses, choose, make_rig
 from dftc_rt.cli.processes.child import STOP_SIGNALS
-from dftc_rt.cli.processes.roles import RIG_PRIORITY, rig_core
+from dftc_rt.cli.processes.roles import RIG_PRIORITY, rig_core, take_faults
 from dftc_rt.cli.simulate import warm_up
 from dftc_rt.drives.wiring import bus_names
 from dftc_rt.errors import InputError
 from dftc_rt.ring import EventRing, Ring
 from dftc_rt.rt.process import RealTime, name_process, report_refused
 from hil.bus.statistics import BusStatistics
+from hil.fault_desk import FaultDesk
 from hil.loop import run_lockstep, run_wall
 
 
@@ -76,9 +77,12 @@ def rig(
 
     before = {s: signal.signal(s, stop) for s in STOP_SIGNALS}
     real_time: RealTime | None = None
+    desk: FaultDesk | None = None
     try:
         ports = buses.ports()
         made = make_rig(opened, ports, truth, events.write)
+        if buses.directory is not None:
+            desk = take_faults(made, opened, directory, _say)
         where = f" (sockets in {directory})" if choice.kind == "unix" else ""
         print(
             f"{opened.robot.name}: {opened.robot.n} drives on {', '.join(names)}; "
@@ -108,6 +112,8 @@ def rig(
         for port in ports:
             port.close()
     finally:
+        if desk is not None:
+            desk.close()
         buses.release()
         if real_time is not None:
             real_time.release()
@@ -120,6 +126,11 @@ def rig(
         for name, bus_found in statistics.items():
             print(traffic(name, bus_found, made.t))
     return 0
+
+
+def _say(t: float, severity: int, source: str, text: str) -> None:
+    """Tell of a fault that came while the rig runs: nobody logs here."""
+    print(f"t {t:.3f} s  {text}", file=sys.stderr, flush=True)
 
 
 def traffic(name: str, found: BusStatistics, duration_s: float) -> str:

@@ -227,7 +227,7 @@ BusFault = (
     | BusOffFault
 )
 
-Fault = (
+RobotFault = (
     LossFault
     | RampFault
     | SineFault
@@ -244,5 +244,7 @@ Fault = (
     | LockFault
     | DriveFault
     | SensorFault
-    | BusFault
 )
+"""Faults of joints, arm, drives and sensors: all but those of a bus."""
+
+Fault = RobotFault | BusFault

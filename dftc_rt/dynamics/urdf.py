@@ -130,7 +130,7 @@ def parse_model(urdf: Urdf) -> Any:
             does not understand (an inertia, say); the reason is the parser's own.
     """
     reason = ""
-    with _captured_stderr() as chatter:
+    with captured(2) as chatter:
         try:
             model = pin.buildModelFromXML(urdf.xml)
         except Exception as error:  # Boost.Python hands on any C++ exception
@@ -176,20 +176,24 @@ def _link(joint: ET.Element, role: str) -> str:
 
 
 @contextlib.contextmanager
-def _captured_stderr() -> Iterator[list[str]]:
-    """Catch what C++ libraries write to descriptor 2, which ``sys.stderr`` does not see."""
+def captured(descriptor: int) -> Iterator[list[str]]:
+    """Catch what C++ libraries write to a descriptor, which ``sys`` does not see.
+
+    Args:
+        descriptor: 1, standard output, or 2, standard error.
+    """
     lines: list[str] = []
     try:
-        saved = os.dup(2)
-    except OSError:  # no standard error at all: nothing to keep clean
+        saved = os.dup(descriptor)
+    except OSError:  # there is none at all: nothing to keep clean
         yield lines
         return
     with tempfile.TemporaryFile() as file:
-        os.dup2(file.fileno(), 2)
+        os.dup2(file.fileno(), descriptor)
         try:
             yield lines
         finally:
-            os.dup2(saved, 2)
+            os.dup2(saved, descriptor)
             os.close(saved)
             file.seek(0)
             lines.extend(file.read().decode("utf-8", "replace").splitlines(keepends=True))

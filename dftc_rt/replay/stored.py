@@ -110,12 +110,7 @@ def controller_of(run: Run, settings: Sequence[str] = (), where: str = "the log"
         InputError: A setting is wrong, or cannot be asked of a log.
     """
     check_settings(settings)
-    config = _robot_config(run, where)
-    try:
-        raw = tomllib.loads(run.scenario)
-        from_raw(raw, "scenario.toml")  # so that what is wrong later is an override
-    except (InputError, tomllib.TOMLDecodeError) as error:
-        raise LogError(where, f"attachment {' '.join(str(error).split())}", _HERE) from None
+    config, raw = _stored(run, where)
     loaded = from_raw(toml.apply_overrides(raw, settings), "--set")
     scenario = loaded.scenario
     if ":" in scenario.control.law and not sets(settings, "control.law"):
@@ -144,6 +139,32 @@ def controller_of(run: Run, settings: Sequence[str] = (), where: str = "the log"
     if sets(settings, _KEYS[CALIBRATION]):
         units = np.array(parts.robot.torque_constant) / _constants(run, raw, robot.n, where)
     return Stored(scenario, loaded.text, robot, parts, files, units)
+
+
+def robot_of(run: Run, where: str = "the log") -> Robot:
+    """Make the robot of a log again.
+
+    Args:
+        run: The log.
+        where: The log's name, for messages.
+
+    Raises:
+        LogError: The log lacks something, or was written by another version.
+        InputError: Its URDF is refused.
+    """
+    config, raw = _stored(run, where)
+    return scenario_robot(from_raw(raw, "scenario.toml").scenario, (config, run.urdf))
+
+
+def _stored(run: Run, where: str) -> tuple[RobotConfig, dict[str, Any]]:
+    """What a log holds of its robot, and its scenario as a checked dictionary."""
+    config = _robot_config(run, where)
+    try:
+        raw = tomllib.loads(run.scenario)
+        from_raw(raw, "scenario.toml")  # so that what is wrong later is an override
+    except (InputError, tomllib.TOMLDecodeError) as error:
+        raise LogError(where, f"attachment {' '.join(str(error).split())}", _HERE) from None
+    return config, raw
 
 
 def _constants(run: Run, raw: dict[str, Any], n: int, where: str) -> F64:

@@ -113,6 +113,14 @@ def first_core() -> int:
     return min(os.sched_getaffinity(0))
 
 
+def stand_back() -> None:
+    """Keep this process out of the way of the loop: lowest priority, and not on the last core."""
+    os.nice(19)
+    cores = os.sched_getaffinity(0)
+    if len(cores) > 1:
+        os.sched_setaffinity(0, cores - {last_core()})
+
+
 def report_refused(who: str, refused: list[str]) -> None:
     """Print each refused step as one line on standard error."""
     for line in refused:

@@ -36,11 +36,20 @@ class DriveFailures:
             drives: The drives.
         """
         self._drives = drives
-        self._failures = [
-            _Failure(joints.index(fault.joint), fault)
-            for fault in faults
-            if isinstance(fault, DriveFault)
-        ]
+        self._joints = joints
+        self._failures: list[_Failure] = []
+        self.change(faults)
+
+    def change(self, faults: Sequence[Fault]) -> None:
+        """Take other faults; what a kind does to a drive now goes on, and ends when it should."""
+        active = {(each.drive, type(each.fault)) for each in self._failures if each.active}
+        self._failures = []
+        for fault in faults:
+            if isinstance(fault, DriveFault):
+                drive = self._joints.index(fault.joint)
+                begun = (drive, type(fault)) in active
+                active.discard((drive, type(fault)))
+                self._failures.append(_Failure(drive, fault, begun))
 
     def apply(self, t: float) -> None:
         """Begin and end what is due at rig time ``t``, s, which does not run backwards."""

@@ -40,18 +40,24 @@ class SensorFaults:
             scales: What a count is worth.
             seed: The scenario's.
         """
+        self._joints = joints
+        self._seed = seed
+        self._faults: list[tuple[int, SensorFault, np.random.Generator]] = []
+        self._rad_per_count = scales.values[RAD_PER_COUNT]
+        self._held: dict[SensorFault, int] = {}  # position, counts
+        self.change(faults)
+
+    def change(self, faults: Sequence[Fault]) -> None:
+        """Take other faults; of those that were there, streams and held positions go on."""
+        streams = {fault: stream for _, fault, stream in self._faults}
         found = [(k, fault) for k, fault in enumerate(faults) if isinstance(fault, SensorFault)]
         found.sort(key=lambda entry: _ORDER.index(type(entry[1])))
-        self._faults = [
-            (
-                joints.index(fault.joint),
-                fault,
-                np.random.default_rng(np.random.SeedSequence([seed, 0x5E46, k])),
-            )
-            for k, fault in found
-        ]
-        self._rad_per_count = scales.values[RAD_PER_COUNT]
-        self._held: dict[int, int] = {}  # fault -> position, counts
+        self._faults = []
+        for k, fault in found:
+            stream = streams.get(fault)
+            if stream is None:
+                stream = np.random.default_rng(np.random.SeedSequence([self._seed, 0x5E46, k]))
+            self._faults.append((self._joints.index(fault.joint), fault, stream))
 
     def apply(self, t: float, objects: NDArray[np.int64]) -> None:
         """Falsify what was latched at rig time ``t``, s.
@@ -60,9 +66,9 @@ class SensorFaults:
             t: Rig time, s.
             objects: The drives, (n, N_OBJECTS); POSITION and VELOCITY change.
         """
-        for k, (joint, fault, stream) in enumerate(self._faults):
+        for joint, fault, stream in self._faults:
             if not fault.start_s <= t < fault.end_s:
-                self._held.pop(k, None)
+                self._held.pop(fault, None)
                 continue
             row, count = objects[joint], self._rad_per_count[joint]
             match fault:
@@ -75,5 +81,5 @@ class SensorFaults:
                 case kinds.SensorBitsFault():
                     row[slots.POSITION] &= -1 << fault.bits
                 case kinds.SensorFrozenFault():
-                    row[slots.POSITION] = self._held.setdefault(k, int(row[slots.POSITION]))
+                    row[slots.POSITION] = self._held.setdefault(fault, int(row[slots.POSITION]))
                     row[slots.VELOCITY] = 0

@@ -123,6 +123,7 @@ class RigidBodyPlant:
             self._outside = Outside(self._dynamics, faults)
         self.dt = period_s / plant.substeps
         self._alpha = 1.0 - np.exp(-self.dt / drive.torque_lag_s) if drive.torque_lag_s > 0 else 1.0
+        self._robot = robot
         self._faults = faults
         self._joints = joint_parameters(robot, plant)
         self.rows = np.zeros((layout.N_STATE, n))
@@ -148,6 +149,22 @@ class RigidBodyPlant:
     def t(self) -> float:
         """Rig time, s."""
         return self._steps * self.dt
+
+    def change_faults(self, faults: NDArray[np.void]) -> None:
+        """Take other faults from now on.
+
+        Args:
+            faults: From :func:`hil.faults.compile_faults`.
+
+        Raises:
+            InputError: The robot has a closed form that has no place for one; nothing changes.
+        """
+        outside = check_outside(self._robot, faults)
+        if isinstance(self._dynamics, UrdfDynamics) and (outside or self._outside is not None):
+            self._outside = Outside(self._dynamics, faults)  # takes off what is carried no more
+        self._faults = faults
+        self._locks = faults[faults["profile"] == LOCK]
+        self._lock()
 
     def reveal(self) -> None:
         """Bring ``rho`` and ``fault`` up to rig time."""

@@ -27,6 +27,7 @@ NAMES = (
     "bus",
     "log",
     "realtime",
+    "view",
     "faults",
     "chaos",
     "fuzz",

@@ -15,20 +15,25 @@ from typing import Any
 _PATIENCE_S = 60.0
 
 
-def read_json(command: Sequence[str | Path], seconds: float) -> dict[str, Any]:
+def read_json(
+    command: Sequence[str | Path], seconds: float, said: Path | None = None
+) -> dict[str, Any]:
     """Run a program that prints one JSON object.
 
     Args:
         command: Program and arguments.
         seconds: How long it means to run.
+        said: File for what it says on stderr, for who wants to read it meanwhile.
 
     Raises:
         RuntimeError: It failed or printed nothing; the message holds what it said. A run
             that ended in a safe stop (exit code 1) has a summary and is no failure here.
     """
-    begun = subprocess.Popen(
-        [str(part) for part in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    with contextlib.ExitStack() as files:
+        diagnostics = subprocess.PIPE if said is None else files.enter_context(said.open("w"))
+        begun = subprocess.Popen(
+            [str(part) for part in command], stdout=subprocess.PIPE, stderr=diagnostics, text=True
+        )
     seen: dict[str, str] = {}
     deadline = time.monotonic() + seconds + _PATIENCE_S
     while True:
@@ -43,7 +48,7 @@ def read_json(command: Sequence[str | Path], seconds: float) -> dict[str, Any]:
                     f"{command[0]} did not end in {seconds + _PATIENCE_S} s"
                 ) from None
     if begun.returncode not in (0, 1) or not out:
-        raise RuntimeError(f"{command[0]} ended with {begun.returncode}: {err.strip()}")
+        raise RuntimeError(f"{command[0]} ended with {begun.returncode}: {(err or '').strip()}")
     found: dict[str, Any] = json.loads(out.splitlines()[-1])
     return found | {"scheduling": [f"{name}: {how}" for name, how in sorted(seen.items())]}
 

@@ -24,6 +24,7 @@ _LOOK_S = 0.05
 _END_PATIENCE_S = 5.0
 _STOP_PATIENCE_S = 10.0
 _RECORDERS = 5
+_VIEW_PATIENCE_S = 0.5
 _HANG_S = 2.0  # of a controller or a recorder that does nothing any more
 
 Function = Callable[[], dict[str, Any]]
@@ -82,6 +83,7 @@ class Launcher:
         watch: Callable[[Rings], None],
         crash_s: float = 0.0,
         real_time: bool = True,
+        view: Function | None = None,
     ) -> None:
         """Prepare; :meth:`run` starts.
 
@@ -96,10 +98,13 @@ class Launcher:
             crash_s: How long the rig goes on without a controller that was killed in its
                 loop or lost a bus, s: the drives' watchdogs act, and the log shows it.
             real_time: Whether a controller that makes no cycle for long hangs.
+            view: Runs in ``dftc-view``; None: no page. Whatever becomes of it, the run goes on.
         """
         self._rings = rings
         self._flags = flags
         self._roles = (controller, rig, recorder)
+        self._view_role = view
+        self._view_told = False
         self._log = log
         self._watch = watch
         self._crash_s = crash_s
@@ -122,8 +127,15 @@ class Launcher:
                 children.append(rig)
             controller = Child("dftc-controller", controller_role)
             children.append(controller)
+            view = Child("dftc-view", self._view_role) if self._view_role is not None else None
+            if view is not None:
+                children.append(view)
             while controller.poll() is None:
                 time.sleep(_LOOK_S)
+                if view is not None:
+                    self._look_at(view)
+                if self._flags.stop and not self._requested_at:  # the page has asked for it
+                    self._requested_at = time.monotonic()
                 if rig is not None and rig.poll() is not None and not self._ended.rig_failed:
                     self._ended.rig_failed = True
                     self._flags.end = True
@@ -140,6 +152,8 @@ class Launcher:
                 if self._requested_at and time.monotonic() - self._requested_at > _STOP_PATIENCE_S:
                     self._trouble("dftc-controller did not stop when asked; it was killed")
                     controller.kill()
+            if view is not None:
+                self._close(view)
             self._ended.controller = controller.report
             if "error" in controller.report:  # it could not log this itself
                 self._log_error(controller.report["error"])
@@ -167,6 +181,27 @@ class Launcher:
             for number, handler in before.items():
                 signal.signal(number, handler)
         return self._ended
+
+    def _look_at(self, view: Child) -> None:
+        """Say once that the page has gone or stands still; nothing else follows from it."""
+        if self._view_told:
+            return
+        if view.poll() is not None:
+            why = view.report.get("error", "dftc-view ended early")
+        elif view.stopped:
+            why = "dftc-view was stopped"
+        else:
+            return
+        self._view_told = True
+        self._trouble(f"{why}; the run goes on without its page")
+
+    def _close(self, view: Child) -> None:
+        """End the page: it has nothing to lose, so it is not waited for."""
+        view.terminate()
+        deadline = time.monotonic() + _VIEW_PATIENCE_S
+        while view.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.005)
+        view.kill()
 
     def _keep_recording(
         self, recorder: Child, role: Callable[[Path], dict[str, Any]], children: list[Child]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import mmap
+import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -22,11 +23,13 @@ from dftc_rt.log.process import record
 from dftc_rt.ring import EventRing, Ring
 from dftc_rt.rt.clock import Clock, LockstepClock, RealClock
 from dftc_rt.rt.executor import ERROR, INFO
-from dftc_rt.rt.process import RealTime, first_core, last_core
+from dftc_rt.rt.process import RealTime, first_core, last_core, stand_back
+from dftc_rt.view.run import LiveRun
 from hil.bus.port import BusPort
-from hil.bus.statistics import TOTALS
+from hil.bus.statistics import TOTALS, busy_s
+from hil.fault_desk import FaultDesk
 from hil.loop import run_lockstep, run_wall
-from hil.rig import Rig
+from hil.rig import EventFunction, Rig
 
 CONTROLLER_PRIORITY = 80
 # Equal, on one core: the controller sends SYNC on all its buses and blocks, then the rig
@@ -173,6 +176,7 @@ def rig(
     rings: Rings,
     flags: Flags,
     clean_up: Callable[[], object],
+    attend: Callable[[Rig], FaultDesk],
     *,
     lockstep: bool,
 ) -> dict[str, Any]:
@@ -184,6 +188,7 @@ def rig(
         rings: Where records and events go.
         flags: ``end`` asks the rig to end.
         clean_up: Called at the end when the launcher, whose work it is, was killed.
+        attend: Has it take faults while it runs: :func:`take_faults`.
         lockstep: Rig time moves by barriers only; no real-time settings.
 
     Returns:
@@ -204,10 +209,12 @@ def rig(
     refused: list[str] = []
     real_time: RealTime | None = None
     ports: Sequence[BusPort] = ()
+    desk: FaultDesk | None = None
     try:
         made, ports = build()
         for port, totals in zip(ports, rings.traffic, strict=True):
             port.count_into(totals)
+        desk = attend(made)
         if not lockstep:
             real_time = RealTime(RIG_PRIORITY, rig_core(opened))
             refused = real_time.refused
@@ -219,6 +226,7 @@ def rig(
         return {
             "refused": refused,
             "stalls": made.stalls,
+            "faults_refused": desk.refused,
             "buses": {port.name: dataclasses.asdict(port.statistics) for port in ports},
         }
     finally:
@@ -226,10 +234,79 @@ def rig(
         rings.events[1].end()
         for port in ports:
             port.close()
+        if desk is not None:
+            desk.close()
         if orphaned_at[0]:
             clean_up()
         if real_time is not None:
             real_time.release()
+
+
+def take_faults(
+    made: Rig,
+    opened: Session,
+    directory: Path,
+    event: EventFunction,
+) -> FaultDesk:
+    """Have a rig take faults while it runs.
+
+    Args:
+        made: The rig.
+        opened: The session.
+        directory: Where the socket for faults is to lie.
+        event: Takes events.
+
+    Returns:
+        What takes them; to be closed.
+
+    Raises:
+        InputError: The socket cannot be made.
+    """
+    desk = FaultDesk(directory, opened.scenario.fault, made.change_faults, event)
+
+    made.each_step = desk.take
+    return desk
+
+
+def view(
+    opened: Session,
+    rings: Rings,
+    flags: Flags,
+    directory: Path | None,
+) -> dict[str, Any]:
+    """Serve the page; the whole of ``dftc-view``.
+
+    Args:
+        opened: The session.
+        rings: What is read, and never drained: that is the recorder's.
+        flags: ``stop`` asks for a safe stop.
+        directory: Where the rig takes faults; None: it takes none.
+
+    Raises:
+        EnvironmentLacksError: viser is not installed.
+    """
+    from dftc_rt.view.live import LivePage  # after the fork: nobody else needs it
+
+    ended: list[int] = []
+    on_sigterm(lambda: ended.append(1))
+    stand_back()
+
+    def stop() -> None:
+        flags.stop = True
+
+    def busy() -> NDArray[np.float64]:
+        newest, bus = rings.rig.latest(), opened.scenario.bus
+        told = busy_s(rings.traffic, bus.bitrate, bus.data_bitrate)
+        t = 0.0 if newest is None else newest[0]
+        return np.column_stack([np.where(told > 0.0, t, 0.0), told])
+
+    run = LiveRun(opened.robot, rings.cycle.latest, rings.rig.latest, opened.can.buses, busy)
+    page = LivePage(opened.scenario.name, run, stop, directory)
+    print(f"view: {page.url}", file=sys.stderr, flush=True)
+    if page.note:
+        print(f"view: {page.note}", file=sys.stderr, flush=True)
+    page.serve(lambda: bool(ended))
+    return {}
 
 
 def recorder(

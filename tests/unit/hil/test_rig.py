@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dftc_rt.config.faults import LockFault, LossFault, PayloadFault, SilentFault
 from dftc_rt.config.scenario import DriveTable, PlantTable, RigTable, RobotTable, Scenario
 from dftc_rt.drives.cia402 import states
 from dftc_rt.drives.interface import GOAL_OPERATE, SetUp, profile
 from dftc_rt.drives.wiring import bus_names, drive_configs
 from dftc_rt.dynamics.robot import load_robot
+from dftc_rt.errors import InputError
 from dftc_rt.memory import MemorySink
 from dftc_rt.rt.clock import FakeClock, LockstepClock
 from dftc_rt.rt.drive_link import DriveLink
@@ -244,3 +247,40 @@ def test_measurements_are_of_the_moment_of_sync(bench: Bench) -> None:
         bench.exchange()
         np.testing.assert_allclose(bench.link.q, bench.column(0)[-1], atol=1.3e-5)
     assert bench.rig.drives.objects[0, slots.ENABLED] == 1
+
+
+def test_faults_change_while_the_rig_runs_and_end() -> None:
+    bench = Bench()
+    n = bench.robot.n
+    bench.enable(np.zeros(n))
+    loss = LossFault(joint=bench.robot.joints[1], effectiveness=0.5, start_s=bench.rig.t)
+    lock = LockFault(joint=bench.robot.joints[2], start_s=bench.rig.t)
+    load = PayloadFault(payload_kg=5.0, start_s=bench.rig.t)
+    silent = SilentFault(joint=bench.robot.joints[3], start_s=bench.rig.t)
+    bench.rig.change_faults([loss, lock, load, silent])
+    for _ in range(3):
+        bench.exchange()
+    assert bench.rig.plant.rho.tolist() == [1.0, 0.5, 0.0, 1.0, 1.0, 1.0]
+    assert bench.rig.plant.fault.tolist() == [1.0] * n
+    assert bench.rig.plant.locked.tolist() == [False, False, True, False, False, False]
+    assert bench.rig.drives.objects[3, slots.OFF_BUS]
+    over = [msgspec.structs.replace(f, end_s=bench.rig.t) for f in (loss, lock, load, silent)]
+    bench.rig.change_faults(over)
+    for _ in range(3):
+        bench.exchange()
+    assert bench.rig.plant.rho.tolist() == [1.0] * n
+    assert bench.rig.plant.fault.tolist() == [0.0] * n
+    assert not bench.rig.plant.locked.any()
+    assert not bench.rig.drives.objects[3, slots.OFF_BUS]
+    bare = Bench().rig.plant
+    q = np.zeros(n)
+    assert np.array_equal(bench.rig.plant._dynamics.mass_matrix(q), bare._dynamics.mass_matrix(q))
+
+
+def test_a_fault_that_does_not_fit_changes_nothing() -> None:
+    bench = Bench()
+    bench.enable(np.zeros(bench.robot.n))
+    with pytest.raises(InputError, match="no joint 'elbow'"):
+        bench.rig.change_faults([LossFault(joint="elbow", effectiveness=0.5)])
+    bench.exchange()
+    assert bench.rig.plant.rho.tolist() == [1.0] * bench.robot.n
