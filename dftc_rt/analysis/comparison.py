@@ -12,7 +12,6 @@ from plotly.subplots import make_subplots
 
 from dftc_rt.analysis import curves, page, plots, summary
 from dftc_rt.analysis.faults import scenario_of
-from dftc_rt.analysis.metrics import tracking_error
 from dftc_rt.analysis.report import THRESHOLD_NOTE, told
 from dftc_rt.analysis.threshold import residual_threshold
 from dftc_rt.analysis.traffic import bus_traffic
@@ -116,7 +115,7 @@ def _joint(
     known: set[int] = set()
     for k, (label, run) in enumerate(runs.items()):
         i, t, cycle, colour = run.joints.index(joint), run.cycle["t"], run.cycle, _COLOURS[k]
-        curves.line(figure, 1, t, tracking_error(run)[:, i] * 1e3, label, colour, points=points)
+        curves.line(figure, 1, t, plots.shown_error(run, i), label, colour, points=points)
         mean = cycle["rho_hat"][:, i]
         curves.band(
             figure, 2, t, mean, cycle["rho_std"][:, i], name=f"± 2σ {label}",
@@ -137,7 +136,7 @@ def _joint(
         )
         threshold = thresholds[label]
         if threshold is not None:
-            plots.limits(figure, 5, t, threshold[:, i], points // 2)
+            plots.limits(figure, 5, t, threshold[:, i], points // 2, f"threshold {label}", colour)
     first, run = next(iter(runs.items()))
     plots.shade(figure, metrics[first]["faults"], joint, run.cycle["t"])
     titles = ("error (mrad)", "effectiveness", "", "torque sent (Nm)", "residual (Nm)")

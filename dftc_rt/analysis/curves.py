@@ -145,5 +145,5 @@ def styled(figure: go.Figure, height: int) -> go.Figure:
         hoverlabel={"bgcolor": "rgba(35,39,46,0.92)", "font": {"color": "#f0f2f5"}},
         modebar={"bgcolor": "rgba(0,0,0,0)", "color": GREY},
         hovermode="x unified",
-        legend={"orientation": "h", "y": 1.06},
+        legend={"orientation": "h", "y": 1.01, "yanchor": "bottom"},
     )

@@ -26,7 +26,7 @@ from dftc_rt.analysis.curves import (
     strip,
     styled,
 )
-from dftc_rt.analysis.metrics import tracking_error
+from dftc_rt.analysis.metrics import FAULT_STATE, tracking_error
 from dftc_rt.analysis.timing import percentiles_us
 from dftc_rt.analysis.traffic import BusTraffic
 from dftc_rt.log.run import Run
@@ -56,7 +56,7 @@ def joint_figure(
         row_heights=[0.25, 0.25, 0.05, 0.25, 0.2],
     )  # fmt: skip
     t, cycle = run.cycle["t"], run.cycle
-    line(figure, 1, t, tracking_error(run)[:, i] * 1e3, "error", BLUE)
+    line(figure, 1, t, shown_error(run, i), "error", BLUE)
     band(figure, 2, t, cycle["rho_hat"][:, i], cycle["rho_std"][:, i])
     line(figure, 2, t, cycle["rho_hat"][:, i], "ρ̂", BLUE)
     if run.rig is not None:
@@ -78,11 +78,25 @@ def joint_figure(
     return figure.update_yaxes(row=3, col=1, visible=False, range=[-1, 1], fixedrange=True)
 
 
-def limits(figure: go.Figure, row: int, t: F64, threshold: F64, points: int) -> None:
+def shown_error(run: Run, joint: int) -> F64:
+    """Tracking error of a joint, mrad, shape ``(K,)``; NaN where the drives are off."""
+    error = tracking_error(run)[:, joint] * 1e3
+    return np.where(run.cycle["state"] == FAULT_STATE, np.nan, error)
+
+
+def limits(
+    figure: go.Figure,
+    row: int,
+    t: F64,
+    threshold: F64,
+    points: int,
+    name: str = "threshold",
+    colour: str = RED,
+) -> None:
     """A threshold on both sides of zero, shape ``(K,)``; a gap where there is none."""
     for sign in (1.0, -1.0):
         line(
-            figure, row, t, sign * threshold, "threshold", RED, "dot", points=points,
+            figure, row, t, sign * threshold, name, colour, "dot", points=points,
             legend=sign > 0.0,
         )  # fmt: skip
 

@@ -150,6 +150,15 @@ def test_report_is_one_file_that_shows_the_run(run: Run, tmp_path: Path) -> None
     assert "lateness40.040.040.040.0" in page.text  # the same as a table
 
 
+def test_the_error_of_a_joint_whose_drive_is_off_is_none(run: Run, tmp_path: Path) -> None:
+    run.cycle["qd"][900:, 0] = 1.0
+    run.cycle["state"][900:] = State.FAULT
+    write_report(run, evaluate(run), tmp_path / "r.html")
+    curves = traces(Page((tmp_path / "r.html").read_text()), "joint0")
+    error = values(next(trace for trace in curves if trace.get("name") == "error"))
+    assert np.nanmax(error) == pytest.approx(3.12)
+
+
 def test_the_strip_of_verdicts_shows_the_gravest_of_many(run: Run, tmp_path: Path) -> None:
     run.cycle["verdict"][:, 1] = 4.0
     run.cycle["verdict"][700:720, 1] = 7.0
