@@ -16,7 +16,7 @@ from dftc_rt.rt.clock import LockstepClock
 from hil.simulate import in_process_rig
 
 WARM, MEASURED = 1000, 2000
-KEPT_BLOCKS = 20  # of Python objects: caches of small integers, say
+KEPT_BLOCKS = 150  # of Python objects, in all: one in ten cycles would be more
 KEPT_BYTES = 4096
 PEAK_BYTES = 64 * 1024  # of what lives for a cycle
 
