@@ -30,15 +30,22 @@ SECONDS = 1200.0
 _SAMPLES = 240  # at most one every half a second
 _WARM = 0.2  # of the run, which does not count
 _FLAT_KB_PER_MIN = 50.0
-_SETTLED = 2  # samples at either end, in which a process starts or ends
+_RECORDER = "dftc-recorder"
+_INDEX_KB_PER_MIN = 1000.0
+_LAST = 0.95  # of it: what ends the run does not count, either
+# Other programs may hold the run up: it goes on, and tells of its overruns.
+_PATIENT = (
+    "fault=[]", "rig.drive.watchdog_s=0.5", "supervisor.stale_cycles=500",
+    "supervisor.overruns_in_a_row=1000000",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Sample:
-    """One process at one moment: seconds, proportional memory in kB, open descriptors."""
+    """One process at one moment: seconds, resident memory in kB, open descriptors."""
 
     t: float
-    pss_kb: int
+    rss_kb: int
     descriptors: int
 
 
@@ -60,7 +67,7 @@ class Watch(threading.Thread):
                         name = Path(f"/proc/{pid}/comm").read_text().strip()
                         sample = Sample(
                             time.monotonic() - begun,
-                            _pss_kb(pid),
+                            _rss_kb(pid),
                             len(os.listdir(f"/proc/{pid}/fd")),
                         )
                         self.found[name].append(sample)
@@ -80,24 +87,30 @@ def _children(pid: int) -> list[int]:
         return []
 
 
-def _pss_kb(pid: int) -> int:
-    for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines():
-        if line.startswith("Pss:"):
-            return int(line.split()[1])
-    raise ValueError("no Pss")
+def _rss_kb(pid: int) -> int:
+    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") // 1024
 
 
 def slope_kb_per_min(samples: Sequence[Sample]) -> float:
     """Least-squares slope of the memory of one process, kB/min."""
     t = np.array([sample.t for sample in samples]) / 60.0
-    memory = np.array([sample.pss_kb for sample in samples], dtype=np.float64)
+    memory = np.array([sample.rss_kb for sample in samples], dtype=np.float64)
     return float(np.polyfit(t - t.mean(), memory, 1)[0])
 
 
-def counted(samples: Sequence[Sample], seconds: float) -> list[Sample]:
-    """Those of a process that is neither warming up nor about to end; none if it lived shorter."""
-    inside = [s for s in samples[:-_SETTLED] if s.t - samples[0].t >= _WARM * seconds]
-    return inside if len(inside) > 4 else []
+def counted(found: Mapping[str, Sequence[Sample]], seconds: float) -> dict[str, list[Sample]]:
+    """What counts of each process: the controller runs, and neither warms up nor ends."""
+    loop = found.get("dftc-controller", ())
+    if not loop:
+        return {}
+    first, last = loop[0].t + _WARM * seconds, loop[0].t + _LAST * seconds
+    inside = {
+        name: [sample for sample in samples if first <= sample.t <= min(last, loop[-1].t)]
+        for name, samples in found.items()
+        if name.startswith("dftc")
+    }
+    return {name: samples for name, samples in inside.items() if len(samples) > 4}
 
 
 def run(quick: bool) -> Result:
@@ -119,10 +132,10 @@ def run(quick: bool) -> Result:
     with tempfile.TemporaryDirectory(prefix="dftc-soak-") as folder:
         beside.start()
         watch.start()
-        found = hil(SCENARIO, seconds, (), Path(folder))
+        found = hil(SCENARIO, seconds, _PATIENT, Path(folder))
         samples = watch.end()
         beside.join()
-    lasting = {name: inside for name, all_ in samples.items() if (inside := counted(all_, seconds))}
+    lasting = counted(samples, seconds)
     lateness = found["lateness_us"]
     rows: list[tuple[str | float | None, ...]] = [
         ("dftc hil", found["cycles"], *(lateness[key] for key in ("p50", "p99", "max")))
@@ -145,7 +158,7 @@ def run(quick: bool) -> Result:
 def _processes(lasting: Mapping[str, Sequence[Sample]]) -> Table:
     rows = [
         (
-            name, len(inside), inside[0].pss_kb, inside[-1].pss_kb, slope_kb_per_min(inside),
+            name, len(inside), inside[0].rss_kb, inside[-1].rss_kb, slope_kb_per_min(inside),
             min(s.descriptors for s in inside), max(s.descriptors for s in inside),
         )
         for name, inside in sorted(lasting.items())
@@ -157,11 +170,15 @@ def _processes(lasting: Mapping[str, Sequence[Sample]]) -> Table:
 
 
 def _aims(lasting: Mapping[str, Sequence[Sample]]) -> list[Aim]:
-    if not lasting:
-        return [Aim("memory that a process gains, kB/min", "<=", _FLAT_KB_PER_MIN, None)]
-    steepest = max(slope_kb_per_min(inside) for inside in lasting.values())
-    moved = max(len({s.descriptors for s in inside}) - 1 for inside in lasting.values())
+    slopes = {name: slope_kb_per_min(inside) for name, inside in lasting.items()}
+    recorder = slopes.pop(_RECORDER, None)
+    moved = [len({s.descriptors for s in inside}) - 1 for inside in lasting.values()]
+    steepest = max(slopes.values()) if slopes else None
     return [
         Aim("memory that a process gains, kB/min", "<=", _FLAT_KB_PER_MIN, steepest),
-        Aim("changes of a process's descriptors", "<=", 0.0, float(moved)),
-    ]
+        Aim(
+            "that the recorder gains, which keeps the index of its file until the end", "<=",
+            _INDEX_KB_PER_MIN, recorder,
+        ),
+        Aim("changes of a process's descriptors", "<=", 0.0, float(max(moved)) if moved else None),
+    ]  # fmt: skip

@@ -167,6 +167,21 @@ def test_an_interface_that_goes_down_ends_the_run_in_order(
     assert hil(PANDA, bus="vcan", lockstep=True, log=log, set_=SETTINGS, report=False) == 0
 
 
+def test_an_interface_that_goes_down_and_comes_up_at_once_ends_the_run_too(
+    running: Started, tmp_path: Path
+) -> None:
+    """What a node missed meanwhile nobody knows: there is no way back into the run."""
+    ip("vcan1", "down")
+    ip("vcan1", "up")
+    assert running.end() == 1
+    assert "safe stop: bus lost: can1 (vcan1): the interface went down" in running.err
+    assert "Traceback" not in running.err
+    there = read(tmp_path / "run.mcap")
+    states = there.cycle["state"].astype(int)
+    assert states[-1] == 6  # fault: it did not run on when the link was back
+    assert not there.cycle["tau_cmd"][states == 6].any()
+
+
 def test_an_interface_that_says_bus_off_ends_the_run(running: Started, tmp_path: Path) -> None:
     driver = SocketCanSocket("can2", "vcan2")
     driver.send(batch([(ERR_FLAG | 0x040, bytes(8))]), 1)

@@ -68,14 +68,21 @@ def test_a_joint_that_moves_against_its_torque_is_named_and_nothing_starts(
     profile: str, joint: int
 ) -> None:
     torque = (-1.0, 1.0) if joint == 0 else (1.0, -1.0)
-    run, outcome, said = started(profile, "supervisor.probe=0.05", torque=torque)
+    hanging = "rig.plant.q0_rad=[3.1, 0.05]"  # it does not fall before its turn comes
+    run, outcome, said = started(profile, "supervisor.probe=0.05", hanging, torque=torque)
     assert outcome.end_state == "safe stop"
     assert outcome.reason.startswith(f"joint{joint + 1}: ")
-    assert "polarity" in outcome.reason
+    assert "moves against its torque of" in outcome.reason
     assert f"quick stop: {outcome.reason}" in said
     assert not (run.cycle["state"] == State.RUN).any()
     assert run.rig is not None
-    assert np.abs(run.rig["q"] - run.rig["q"][0]).max() < 0.25  # until the brakes have closed
+    assert np.abs(run.rig["q"] - run.rig["q"][0]).max() < 0.05
+
+
+def test_one_that_carries_the_arm_away_before_it_is_judged_ends_the_start_too() -> None:
+    run, outcome, _ = started("cia402", "supervisor.probe=0.05", torque=(-1.0, 1.0))
+    assert "does not hold its pose: polarity of its drive, or of one before it" in outcome.reason
+    assert not (run.cycle["state"] == State.RUN).any()
 
 
 def test_a_joint_that_does_not_answer_is_named() -> None:

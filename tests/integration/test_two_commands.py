@@ -84,6 +84,27 @@ def test_a_controller_on_a_python_can_interface(
     assert np.abs((logged.cycle["q"] - logged.cycle["qd"])[running]).max() < 0.1
 
 
+def test_a_hub_that_is_gone_and_back_ends_the_run_and_serves_the_next(tmp_path: Path) -> None:
+    bus = ("--bus", "unix", "--bus-dir", tmp_path / "bus")
+    log = tmp_path / "log.mcap"
+    told = [part for part in control(tmp_path, log, "--set", "duration_s=60") if part != "--json"]
+    with started(tmp_path / "first", DFTC, "rig", *SCENARIO, *bus) as first:
+        first.until_said("Ctrl-C ends")
+        with started(tmp_path / "control", DFTC, *told) as controller:
+            controller.until_running()
+            first.process.kill()
+            with started(tmp_path / "second", DFTC, "rig", *SCENARIO, *bus) as second:
+                second.until_said("Ctrl-C ends")
+                assert controller.end() == 1
+                assert "bus lost: can" in controller.err or "gone away" in controller.err
+                assert "Traceback" not in controller.err
+                again = dftc(*control(tmp_path, tmp_path / "again.mcap", "--set", "fault=[]"))
+                assert again.returncode == 0, again.stderr
+                second.process.send_signal(signal.SIGINT)
+                assert second.end() == 0
+    assert log.exists()
+
+
 @pytest.mark.parametrize(
     ("bus", "code", "said"),
     [
