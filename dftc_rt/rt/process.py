@@ -114,8 +114,8 @@ def first_core() -> int:
 
 
 def stand_back() -> None:
-    """Keep this process out of the way of the loop: lowest priority, and not on the last core."""
-    os.nice(19)
+    """Keep this process out of the way of the loop: low priority, and not on the last core."""
+    os.nice(10)
     cores = os.sched_getaffinity(0)
     if len(cores) > 1:
         os.sched_setaffinity(0, cores - {last_core()})

@@ -31,17 +31,18 @@ def run(quick: bool = False) -> Result:
     """Measure.
 
     Args:
-        quick: Two short runs, to see that it works.
+        quick: Two short runs, to see that it works: the page takes some seconds to come up.
     """
-    seconds, rounds = (2, 1) if quick else (15, 5)
+    seconds, rounds = (8, 1) if quick else (20, 7)
     found: dict[bool, list[dict[str, Any]]] = {False: [], True: []}
-    taken = 0
+    taken: list[int] = []
     with tempfile.TemporaryDirectory(prefix="dftc-benchmark-") as folder:
         for number in range(rounds):
             for view in (False, True) if number % 2 == 0 else (True, False):
                 summary, messages = _hil(view, seconds, Path(folder) / f"{number}{view}.mcap")
                 found[view].append(summary)
-                taken += messages
+                if view:
+                    taken.append(messages)
     rows: list[tuple[str | float | None, ...]] = []
     ratios: dict[str, float] = {}
     for key in ("lateness_us", "exchange_us", "compute_us"):
@@ -66,7 +67,7 @@ def run(quick: bool = False) -> Result:
             Aim(f"p99 of {key.removesuffix('_us')}, with the page over without", "<=", _ALLOWED, r)
             for key, r in ratios.items()
         ],
-        [f"{taken} messages came from the page"],
+        [f"messages that came from the page in each run with it: {', '.join(map(str, taken))}"],
     )
 
 

@@ -178,6 +178,7 @@ def test_nobody_acts_without_the_token(run: Started) -> None:
     for path in ("", "index.html", "?token=", f"?token={wrong}", wrong, f"..%2f{token}"):
         with pytest.raises(HTTPError) as refused:
             urlopen(f"http://{authority}/{path}", timeout=30)
+        refused.value.close()
         assert refused.value.code == 403, path
         with pytest.raises(InvalidStatus) as shut:
             connect(f"ws://{authority}/{path}", subprotocols=["viser-v1.1.1"]).close()  # type: ignore[list-item]
