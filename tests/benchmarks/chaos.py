@@ -7,6 +7,7 @@ import random
 import sys
 import tempfile
 import time
+import traceback
 from collections import Counter
 from pathlib import Path
 
@@ -35,7 +36,7 @@ def run(quick: bool) -> Result:
                 ended = endure(server, Path(folder) / str(runs), drawn)
                 codes["no cycle" if ended is None else str(ended.code)] += 1
             except (AssertionError, TimeoutError) as error:
-                failed.append(f"run {runs}: {drawn}: {str(error).splitlines()[0]}")
+                failed.append(f"run {runs}: {drawn}: {_told(error)}")
             runs += 1
     server.close()
     rows = [(code, count) for code, count in sorted(codes.items())]
@@ -45,3 +46,10 @@ def run(quick: bool) -> Result:
         [Aim("runs that broke a rule", "<=", 0.0, float(len(failed)))],
         failed,
     )
+
+
+def _told(error: Exception) -> str:
+    """One line; of an assertion without words, where it is."""
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    place = f"{Path(last.filename).name}:{last.lineno}"
+    return f"{str(error).partition(chr(10))[0] or type(error).__name__} ({place})"

@@ -95,11 +95,12 @@ def joined(runs: list[Run]) -> Run:
     for run in runs[1:]:
         for name in first.cycle:
             first.cycle[name] = np.concatenate([first.cycle[name], run.cycle[name]])
-        assert first.rig is not None
-        assert run.rig is not None
-        for name in first.rig:
-            first.rig[name] = np.concatenate([first.rig[name], run.rig[name]])
-    return replace(first, events=tuple(event for run in runs for event in run.events))
+    # A recorder may be killed before the first record of the rig is in its file.
+    rigs = [run.rig for run in runs if run.rig is not None]
+    assert rigs, "no file has a record of the rig"
+    rig = {name: np.concatenate([each[name] for each in rigs]) for name in rigs[0]}
+    events = tuple(event for run in runs for event in run.events)
+    return replace(first, rig=rig, events=events)
 
 
 def arguments(folder: Path, duration_s: float = 600.0) -> list[str | Path]:
