@@ -70,7 +70,7 @@ def run(quick: bool = False) -> Result:
                 "<=",
                 _ALLOWED,
                 ratio if watched else None,
-            )  # fmt: skip
+            )
             for key, ratio in ratios.items()
         ],
         [f"messages that came from the page in each run with it: {', '.join(map(str, taken))}"],
