@@ -33,7 +33,7 @@ def run(quick: bool = False) -> Result:
     Args:
         quick: Two short runs, to see that it works: the page takes some seconds to come up.
     """
-    seconds, rounds = (8, 1) if quick else (20, 7)
+    seconds, rounds = (12, 1) if quick else (30, 5)
     found: dict[bool, list[dict[str, Any]]] = {False: [], True: []}
     taken: list[int] = []
     with tempfile.TemporaryDirectory(prefix="dftc-benchmark-") as folder:
@@ -52,6 +52,7 @@ def run(quick: bool = False) -> Result:
         ]
         ratios[key] = medians[1] / medians[0]
         rows.append((key.removesuffix("_us"), *medians, ratios[key]))
+    watched = min(taken) > 0  # a run whose page came too late to be watched proves nothing
     overruns = [float(np.median([s["overruns"] for s in found[view]])) for view in (False, True)]
     rows.append(("overruns", *overruns, None))
     return Result(
@@ -64,8 +65,13 @@ def run(quick: bool = False) -> Result:
             )
         ],
         [
-            Aim(f"p99 of {key.removesuffix('_us')}, with the page over without", "<=", _ALLOWED, r)
-            for key, r in ratios.items()
+            Aim(
+                f"p99 of {key.removesuffix('_us')}, with the page over without",
+                "<=",
+                _ALLOWED,
+                ratio if watched else None,
+            )
+            for key, ratio in ratios.items()
         ],
         [f"messages that came from the page in each run with it: {', '.join(map(str, taken))}"],
     )
