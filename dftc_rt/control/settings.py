@@ -17,8 +17,11 @@ from dftc_rt.control.interface import F64
 from dftc_rt.errors import InputError
 
 INF: Final = math.inf
-LARGEST: Final = 1e9
-"""Largest setting that is not meant to be none at all: beyond it, squares overflow."""
+LARGEST: Final = 1e15
+"""Largest setting that is not meant to be none at all: products of a few of them stay finite.
+
+Thresholds of sums of likelihoods, as the benchmark sets them, come to 1e13.
+"""
 Value = float | int | bool | str | Sequence[Any]
 
 
