@@ -43,7 +43,7 @@ def residual_threshold(run: Run) -> F64 | None:
         return None
     try:
         values = settings.parse(_gains(run, control), len(run.joints), printed=False).values
-    except (DftcError, tomllib.TOMLDecodeError, TypeError, KeyError):
+    except (DftcError, ValueError, TypeError, KeyError, AttributeError):
         return None  # of another version: what is drawn would be a guess
     if (values["observer"] == PRINTED).any():
         return None

@@ -96,7 +96,7 @@ def _wired(run: Run) -> Counter[str]:
     try:
         joints = tomllib.loads(run.attachments.get("robot.toml", b"").decode()).get("joint", ())
         return Counter(str(joint["bus"]) for joint in joints if joint["name"] in run.joints)
-    except (tomllib.TOMLDecodeError, KeyError):
+    except (ValueError, TypeError, KeyError, AttributeError):  # no file of this version
         return Counter()
 
 

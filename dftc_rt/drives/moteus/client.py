@@ -26,6 +26,7 @@ from dftc_rt.drives.moteus.scale import scales_of
 from dftc_rt.errors import DriveError
 
 _AT_STOP_RAD: Final = 1e-3  # by which a joint at its limit may seem to be beyond it
+_MOST_TURNS: Final = 1e6  # a joint without limits may have turned for years
 _TRIES: Final = 5  # a drive may answer before it has changed its mode
 
 
@@ -73,8 +74,8 @@ class MoteusClient:
                 raise self._conversation.error(i, f"in fault, code {fault:.0f}")
             if mode != reg.STOPPED:
                 raise self._conversation.error(i, f"does not stop: mode {mode:.0f}")
-            found.counts[i] = round(position * COUNTS_PER_REV)
             self._check_position(i, position)
+            found.counts[i] = round(position * COUNTS_PER_REV)
         self._conversation.end()
         return found
 
@@ -140,7 +141,13 @@ class MoteusClient:
         self._conversation.ask(i, what, lambda out, row: encode(out, row, node, host), fault)
 
     def _check_position(self, i: int, position: float) -> None:
-        """Refuse a position where the joint cannot be: the drive's zero is elsewhere."""
+        """Refuse a position where the joint cannot be: the drive's zero is elsewhere.
+
+        Raises:
+            DriveError: It is.
+        """
+        if not abs(position) <= _MOST_TURNS:
+            raise self._conversation.error(i, f"position of {position:g} turns, which none can be")
         scale = self._scales[i]
         q = scale.sign * math.tau * position - scale.zero_offset_rad
         self._conversation.check_position(i, q, _AT_STOP_RAD)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from dftc_rt.analysis.threshold import residual_threshold
+from dftc_rt.analysis.traffic import bus_traffic
 from dftc_rt.control.decision import log_likelihood_ratio
 
 from .conftest import Maker
@@ -82,3 +83,12 @@ def test_settings_come_from_robot_calibration_and_scenario_in_that_order(make: M
 )
 def test_a_law_that_does_not_test_its_residual_has_none(make: Maker, scenario: str) -> None:
     assert residual_threshold(make(scenario)) is None
+
+
+@pytest.mark.parametrize("torn", [b"\xff\xfe", b"gains = 3", b"[gains", b"gains = [1, 2]"])
+def test_a_robot_file_that_is_damaged_gives_none(make: Maker, torn: bytes) -> None:
+    """Found by fuzzing: what is drawn would be a guess."""
+    run = make(DFTC)
+    torn_run = dataclasses.replace(run, attachments={"robot.toml": torn})
+    assert residual_threshold(torn_run) is None
+    assert bus_traffic(torn_run) == []

@@ -151,6 +151,22 @@ def test_position_outside_of_the_joints_limits() -> None:
     client(buses, 1, **sheet).configure()
 
 
+@pytest.mark.parametrize("position", [1e30, -1e30, float("nan"), float("inf")])
+def test_a_position_that_none_can_be(position: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Found by fuzzing: a joint without limits, and a number beyond every count."""
+    _, buses = rig(1)
+    asked = client(buses, 1)
+    stop = asked._stop
+
+    def stopped(i: int) -> None:
+        stop(i)
+        asked._found[1] = position
+
+    monkeypatch.setattr(asked, "_stop", stopped)
+    with pytest.raises(DriveError, match=r"joint1 .* position of \S+ turns, which none can be"):
+        asked.configure()
+
+
 def test_answers_left_by_a_loop_before_are_not_taken_for_new() -> None:
     drives, buses = rig(1)
     buses[0]._waiting.append(pack_fd(0x100, bytes.fromhex("2100002f01" + "00" * 12 + "505050")))
