@@ -16,7 +16,7 @@ from dftc_rt.rt.clock import LockstepClock
 from hil.simulate import in_process_rig
 
 WARM, TRACED, MEASURED = 1000, 1000, 3000
-KEPT_BLOCKS = 150  # of Python objects, in all: one in ten cycles would be more
+KEPT_BLOCKS = 20  # of Python objects, in all: one in a hundred cycles would be more
 KEPT_BYTES = 4096
 PEAK_BYTES = 64 * 1024  # of what lives for a cycle
 
