@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.integration.commands import Started
+from tests.integration.commands import DEADLINE_S, Started
 from tests.integration.forked import ForkServer
 from tests.integration.survival import LOST_S, Survived, arguments, leaves_nothing, pieces
 from tests.integration.survival import joined as one_run
@@ -127,8 +127,15 @@ def _passed(moment: float) -> bool:
 
 
 def _wait(run: Started, pids: set[int], over: Callable[[], bool]) -> None:
-    """Wait for its end or a moment, and note the children that there are meanwhile."""
+    """Wait for its end or a moment, and note the children that there are meanwhile.
+
+    Raises:
+        TimeoutError: Neither came.
+    """
+    deadline = time.monotonic() + DEADLINE_S
     while run.process.poll() is None and not over():
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"it has not ended: {run.err}")
         pids |= set(run.children().values())
         time.sleep(0.01)
 

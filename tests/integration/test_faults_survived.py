@@ -151,6 +151,27 @@ def test_a_controller_stopped_in_its_set_up_is_not_waited_for(
         assert "dftc-controller made no cycle for 2 s" in run.err
 
 
+def test_a_rig_stopped_in_its_set_up_is_not_waited_for(server: ForkServer, tmp_path: Path) -> None:
+    with server.start(tmp_path / "work", arguments(tmp_path, 0.3)) as run:
+        run.until(lambda: "dftc-rig" in run.children(), "the rig to start")
+        os.kill(run.children()["dftc-rig"], signal.SIGSTOP)
+        run.until(lambda: set(run.children()) >= NAMES, "the others to start")
+        pids = set(run.children().values())
+        assert run.end() == 1
+        leaves_nothing(run, pids)
+        assert "dftc-rig was stopped for 2 s; it was killed" in run.err
+
+
+def test_a_rig_that_pauses_in_its_set_up_is_waited_for(server: ForkServer, tmp_path: Path) -> None:
+    with server.start(tmp_path / "work", arguments(tmp_path, 0.3)) as run:
+        run.until(lambda: "dftc-rig" in run.children(), "the rig to start")
+        rig = run.children()["dftc-rig"]
+        os.kill(rig, signal.SIGSTOP)
+        run.until(lambda: set(run.children()) >= NAMES, "the others to start")
+        os.kill(rig, signal.SIGCONT)
+        assert run.end() == 0, run.err
+
+
 @pytest.mark.parametrize("name", sorted(NAMES))
 def test_a_process_killed_in_its_set_up_ends_the_run(
     server: ForkServer, tmp_path: Path, name: str

@@ -25,7 +25,7 @@ _END_PATIENCE_S = 5.0
 _STOP_PATIENCE_S = 10.0
 _RECORDERS = 5
 _VIEW_PATIENCE_S = 0.5
-_HANG_S = 2.0  # of a controller or a recorder that does nothing any more
+_HANG_S = 2.0  # of a process that does nothing any more
 
 Function = Callable[[], dict[str, Any]]
 
@@ -97,7 +97,8 @@ class Launcher:
             watch: Called a few times a second while the controller runs.
             crash_s: How long the rig goes on without a controller that was killed in its
                 loop or lost a bus, s: the drives' watchdogs act, and the log shows it.
-            real_time: Whether a controller that makes no cycle for long hangs.
+            real_time: Whether a controller that makes no cycle for long hangs, and a rig that
+                somebody has stopped is not waited for.
             view: Runs in ``dftc-view``; None: no page. Whatever becomes of it, the run goes on.
         """
         self._rings = rings
@@ -113,6 +114,7 @@ class Launcher:
         self._real_time = real_time
         self._cycles = _Progress()
         self._logged = _Progress()
+        self._rig_lives = _Progress()
 
     def run(self) -> Ended:
         """Start everything, wait for the controller's end, and end everything."""
@@ -136,11 +138,8 @@ class Launcher:
                     self._look_at(view)
                 if self._flags.stop and not self._requested_at:  # the page has asked for it
                     self._requested_at = time.monotonic()
-                if rig is not None and rig.poll() is not None and not self._ended.rig_failed:
-                    self._ended.rig_failed = True
-                    self._flags.end = True
-                    self._trouble(rig.report.get("error", "dftc-rig ended early"))
-                    self._flags.stop = True
+                if rig is not None and not self._ended.rig_failed:
+                    self._look_at_rig(rig)
                 recorder = self._keep_recording(recorder, recorder_role, children)
                 self._watch(self._rings)
                 if self._real_time and self._cycles.stands(
@@ -181,6 +180,24 @@ class Launcher:
             for number, handler in before.items():
                 signal.signal(number, handler)
         return self._ended
+
+    def _look_at_rig(self, rig: Child) -> None:
+        """End the run when the rig has ended, or stands still.
+
+        In the loop the controller finds a stopped rig by itself, and sooner. Before it, it
+        waits for the rig to be built, which may take minutes where kernels are compiled: then
+        nothing else tells a rig that compiles from one that was stopped.
+        """
+        if self._real_time and self._rig_lives.stands(0, rig.stopped):
+            self._trouble(f"dftc-rig was stopped for {_HANG_S:g} s; it was killed")
+            rig.kill()
+        elif rig.poll() is None:
+            return
+        else:
+            self._trouble(rig.report.get("error", "dftc-rig ended early"))
+        self._ended.rig_failed = True
+        self._flags.end = True
+        self._flags.stop = True
 
     def _look_at(self, view: Child) -> None:
         """Say once that the page has gone or stands still; nothing else follows from it."""
