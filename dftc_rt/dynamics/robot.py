@@ -32,6 +32,7 @@ Array = npt.NDArray[np.float64]
 
 _MIN_INERTIA = 1e-9  # kg m^2 (kg): below this a joint moves no mass
 _MIN_EIGENVALUE = 1e-10  # of M scaled to a unit diagonal: below this M is singular
+_ROUNDING = 1e-6  # of an inertia's greatest eigenvalue: files have few digits
 
 
 def load_robot(
@@ -139,6 +140,7 @@ def load_robot(
         closed_form=form,
         idx_q=tuple(model.idx_qs)[1:],
     )
+    _refuse_impossible(robot)
     _refuse_singular(robot)
     model.armature = np.array([drive.armature for drive in drives])
     return robot
@@ -227,6 +229,21 @@ def _reduce(full: Any, limits: JointLimits, locked: dict[str, float]) -> Any:
         else:
             reference[k] = angle
     return pin.buildReducedModel(full, [full.getJointId(name) for name in locked], reference)
+
+
+def _refuse_impossible(robot: Robot) -> None:
+    """Refuse a body that would turn the faster the more it is held back.
+
+    Whether the mass matrix is positive at home does not tell: a negative moment of inertia may
+    lie about an axis that another pose turns into a joint's. With a mass and a rotational inertia
+    that are not negative, kinetic energy is none in no pose. The triangle inequality is not asked
+    for: many published URDFs break it, and nothing here needs it.
+    """
+    for name, body in zip(robot.joints, robot.model.inertias[1:], strict=True):
+        eigenvalues = np.linalg.eigvalsh(body.inertia)
+        if not eigenvalues[0] >= -max(_ROUNDING * abs(eigenvalues[-1]), _MIN_INERTIA):
+            found = f"what joint '{name}' moves has a moment of inertia of {eigenvalues[0]:g} kg m^2"
+            raise InputError(str(robot.urdf_path), found, "<inertia> with none below 0, about any axis")
 
 
 def _refuse_singular(robot: Robot) -> None:

@@ -214,6 +214,8 @@ def test_an_unlocked_mimic_joint_is_refused():
          "joint 'j0' has no axis"),
         (urdf_of(("revolute", LIMIT)).replace('mass value="1"', 'mass value="1e308"').replace(
             '"0.1 0 0.2"', '"1e9 0 0"'), "the mass matrix is not finite"),
+        (urdf_of(("revolute", LIMIT)).replace('ixz="0"', 'ixz="-0.11"'),
+         "what joint 'j0' moves has a moment of inertia of -0.01 kg m^2"),
         (urdf_of(("revolute", LIMIT), inertial=""), "joint 'j0' moves no mass"),
         (urdf_of(("revolute", LIMIT), ("revolute", LIMIT)).replace(
             f'<link name="l0">{INERTIAL}', '<link name="l0">'), "is singular at home"),
