@@ -30,7 +30,9 @@ from dftc_rt.cli.session import open_session
 from dftc_rt.cli.simulate import run_simulation, simulate
 from dftc_rt.config import robot as robot_config
 from dftc_rt.config.load import load_scenario
-from dftc_rt.errors import DftcError, InputError
+from dftc_rt.drives.cia402 import eds
+from dftc_rt.drives.cia402.objects import EDS_PATH
+from dftc_rt.errors import DftcError, EnvironmentLacksError, InputError
 from tests.fuzz.damage import Draw, altered, damaged
 from tests.fuzz.limits import HangsError, bounded, one_line
 from tests.fuzz.log_damage import reseal
@@ -440,10 +442,25 @@ def logs() -> list[Kind]:
     ]
 
 
+def try_eds(content: bytes) -> bool:
+    """Read an object dictionary, which is no user's file but a part of the package."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = write(Path(folder) / EDS_PATH.name, content)
+        with mock.patch.object(eds, "EDS_PATH", path):
+            assert eds.dictionary.__wrapped__(1)
+    return True
+
+
+def electronic_data_sheets() -> Kind:
+    data = EDS_PATH.read_bytes()
+    return Kind("eds", damaged(data), try_eds, lambda: data)
+
+
 def every_kind() -> list[Kind]:
     """All of them."""
     return [
-        scenarios(), robots(), urdfs(), calibrations(), identifications(), motions(), *logs()
+        scenarios(), robots(), urdfs(), calibrations(), identifications(), motions(),
+        electronic_data_sheets(), *logs(),
     ]  # fmt: skip
 
 
@@ -452,7 +469,7 @@ def survive(kind: Kind, content: bytes) -> str:
     with bounded():
         try:
             kind.take(content)
-        except InputError as error:
+        except (InputError, EnvironmentLacksError) as error:  # exit codes 2 and 3
             one_line(error)
             return "refused"
         except DftcError as error:

@@ -1,11 +1,14 @@
 """The EDS file: what it lists exists, what exists is listed, defaults are CiA 402's."""
 
 from configparser import RawConfigParser
+from pathlib import Path
 
 import canopen
 import pytest
 
+from dftc_rt.drives.cia402 import eds
 from dftc_rt.drives.cia402.objects import EDS_PATH
+from dftc_rt.errors import EnvironmentLacksError
 
 # The objects of the issue, written out.
 WANTED = [
@@ -81,3 +84,22 @@ def test_power_on_mapping_lets_any_master_talk(dictionary: canopen.ObjectDiction
 def test_nothing_beyond_the_standards(dictionary: canopen.ObjectDictionary) -> None:
     # No manufacturer's objects (2000h to 5FFFh): the wire has no place for the truth.
     assert not [index for index in dictionary if 0x2000 <= index < 0x6000]
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (None, "dftc402.eds of the drive profile cannot be read: "),
+        (b"[DeviceInfo]\n", "dftc402.eds of the drive profile is not the file that belongs to it"),
+    ],
+    ids=["missing", "damaged"],
+)
+def test_no_other_file_is_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes | None, says: str
+) -> None:
+    path = tmp_path / EDS_PATH.name
+    if content is not None:
+        path.write_bytes(content)
+    monkeypatch.setattr(eds, "EDS_PATH", path)
+    with pytest.raises(EnvironmentLacksError, match=says):
+        eds.dictionary.__wrapped__(1)
