@@ -242,8 +242,8 @@ def _refuse_impossible(robot: Robot) -> None:
     for name, body in zip(robot.joints, robot.model.inertias[1:], strict=True):
         eigenvalues = np.linalg.eigvalsh(body.inertia)
         if not eigenvalues[0] >= -max(_ROUNDING * abs(eigenvalues[-1]), _MIN_INERTIA):
-            found = f"what joint '{name}' moves has a moment of inertia of {eigenvalues[0]:g} kg m^2"
-            raise InputError(str(robot.urdf_path), found, "<inertia> with none below 0, about any axis")
+            found = f"joint '{name}' moves a body with a moment of {eigenvalues[0]:g} kg m^2"
+            raise InputError(str(robot.urdf_path), found, "an <inertia> not below 0 about any axis")
 
 
 def _refuse_singular(robot: Robot) -> None:
