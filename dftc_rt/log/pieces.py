@@ -2,7 +2,8 @@
 
 A recorder that was killed leaves a torn file; the next one goes on in another, where the
 first had stopped releasing records. So a few may be in both files, and those that the
-first had not yet flushed are in neither.
+first had not yet flushed are in neither. One that begins after the controller's end has the
+truth alone.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from dftc_rt.errors import LogError
-from dftc_rt.log.reader import is_torn, read
+from dftc_rt.log.reader import is_torn, read_piece
 from dftc_rt.log.run import Run, Signals
 
 
@@ -28,22 +29,22 @@ def read_pieces(paths: Sequence[Path]) -> tuple[Run, str]:
         The run, and a line that says what it was put together from; "" for one whole file.
 
     Raises:
-        LogError: None of them can be read.
+        LogError: None of them can be read, or has a ``/cycle``.
     """
     runs: list[Run] = []
     notes: list[str] = []
     errors: list[LogError] = []
     for path in paths:
         try:
-            runs.append(read(path, torn=True))
+            runs.append(read_piece(path, torn=True))
         except LogError as error:
             errors.append(error)
             notes.append(f"nothing in {path}")
         else:
             if is_torn(path):
                 notes.append(f"{path} up to its tear")
-    if not runs:
-        raise errors[0]
+    if not any(run.cycle for run in runs):
+        raise errors[0] if errors else LogError(str(paths[0]), "no topic /cycle", "a run's log")
     if len(paths) > 1:
         notes.insert(0, f"{len(runs)} of {len(paths)} files")
     note = f"the summary is made of {', '.join(notes)}" if notes else ""
@@ -55,7 +56,7 @@ def _joined(runs: Sequence[Run]) -> Run:
     events = [event for run in runs for event in run.events]
     return dataclasses.replace(
         runs[0],
-        cycle=_concatenated([run.cycle for run in runs]),
+        cycle=_concatenated([run.cycle for run in runs if run.cycle]),
         rig=_concatenated(rigs) if rigs else None,
         events=tuple(sorted(dict.fromkeys(events), key=lambda event: event.t)),
     )

@@ -54,6 +54,25 @@ def read(path: str | Path, *, torn: bool = False, frames: bool = False) -> Run:
     Raises:
         LogError: Missing, foreign, torn (says how to repair it), damaged, or no ``/cycle``.
     """
+    found = read_piece(path, torn=torn, frames=frames)
+    if not found.cycle:
+        raise LogError(str(path), "no topic /cycle", "a log written by dftc")
+    return found
+
+
+def read_piece(path: str | Path, *, torn: bool = False, frames: bool = False) -> Run:
+    """What a file holds of a run, which may be the truth alone: then ``cycle`` has no fields.
+
+    A recorder that takes over when the controller has gone has nothing else to write.
+
+    Args:
+        path: The file.
+        torn: As in :func:`read`.
+        frames: As in :func:`read`.
+
+    Raises:
+        LogError: As in :func:`read`; or neither ``/cycle`` nor ``/rig``.
+    """
     where = str(path)
     content = _Content((*_FIXED, CanLayout.topic) if frames else _FIXED)
     try:
@@ -203,11 +222,11 @@ class _Content:
         topic.rows.take(found, which)
 
     def run(self, where: str) -> Run:
-        cycle = self._signals(where, "/cycle")
-        if cycle is None:
+        cycle, rig = self._signals(where, "/cycle"), self._signals(where, "/rig")
+        known = cycle or rig
+        if known is None:
             raise LogError(where, "no topic /cycle", "a log written by dftc")
-        joints, signals = cycle
-        rig = self._signals(where, "/rig")
+        joints = known[0]
         told = self.topics.get(_EVENTS)
         try:
             events = [Event(*decode_event(raw)) for raw in told.payloads] if told else []
@@ -220,7 +239,7 @@ class _Content:
             raise LogError(where, f"torque limits of {len(limits)} joints", f"{len(joints)}")
         return Run(
             joints,
-            signals,
+            cycle[1] if cycle else {},
             rig[1] if rig else None,
             tuple(sorted(events, key=lambda event: event.t)),
             self._text(where, SCENARIO),

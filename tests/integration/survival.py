@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dftc_rt.errors import LogError
-from dftc_rt.log.reader import is_torn, read
+from dftc_rt.log.pieces import read_pieces
+from dftc_rt.log.reader import is_torn
 from dftc_rt.log.recover import recover
 from dftc_rt.log.run import Run
 from tests.integration.commands import PATIENT, Started, gone, until
@@ -21,6 +22,7 @@ SCENARIO = "panda_shoulder_loss"
 PERIOD_S = 0.001
 CYCLES = 20  # within which the arm is safe, where the controller lives
 LOST_S = 0.3  # of a log, at most
+EMPTY_BYTES = 100  # of a log that has nothing to tell, at most
 RUN, DEGRADED, SAFE_STOP, FAULT, FINISH = 3, 4, 5, 6, 7
 NAMES = {"dftc-controller", "dftc-rig", "dftc-recorder"}
 F64 = NDArray[np.float64]
@@ -74,33 +76,25 @@ class Survived:
         return float(self.rig["t"][moving[-1] + 1])
 
 
-def pieces(folder: Path) -> list[Run]:
-    """Return the files of a run in their order, each recovered where it is torn."""
-    found = []
+def logged(folder: Path) -> Run | None:
+    """Return the run in its files, recovered where they are torn; None where no cycle is in one."""
+    whole = []
     for k, path in enumerate(sorted(folder.glob("run*.mcap"), key=lambda p: (len(p.name), p.name))):
         if is_torn(path):
-            whole = folder / f"whole{k}"
-            recover(path, whole)
-            path = whole
-        try:
-            found.append(read(path))
-        except LogError as error:
-            assert "no topic /cycle" in str(error)  # noqa: PT017 - it ended before a record came
-    return found
-
-
-def joined(runs: list[Run]) -> Run:
-    """Return one run made of several."""
-    first = runs[0]
-    for run in runs[1:]:
-        for name in first.cycle:
-            first.cycle[name] = np.concatenate([first.cycle[name], run.cycle[name]])
-    # A recorder may be killed before the first record of the rig is in its file.
-    rigs = [run.rig for run in runs if run.rig is not None]
-    assert rigs, "no file has a record of the rig"
-    rig = {name: np.concatenate([each[name] for each in rigs]) for name in rigs[0]}
-    events = tuple(event for run in runs for event in run.events)
-    return replace(first, rig=rig, events=events)
+            try:
+                recover(path, folder / f"whole{k}")
+            except LogError as error:
+                assert path.stat().st_size < EMPTY_BYTES, error  # noqa: PT017 - it never began
+                continue
+            path = folder / f"whole{k}"
+        whole.append(path)
+    if not whole:
+        return None
+    try:
+        return read_pieces(whole)[0]
+    except LogError as error:
+        assert "no topic /cycle" in str(error)  # noqa: PT017 - it ended before a record came
+        return None
 
 
 def arguments(folder: Path, duration_s: float = 600.0) -> list[str | Path]:
@@ -140,9 +134,9 @@ def survive(
         pids |= set(run.children().values())
         code = run.end()
         leaves_nothing(run, pids)
-        found = pieces(folder)
+        found = logged(folder)
         assert found, run.err
-        return Survived(code, run.err, joined(found))
+        return Survived(code, run.err, found)
 
 
 def to(name: str, number: int) -> Callable[[Started], None]:

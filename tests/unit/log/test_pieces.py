@@ -10,6 +10,7 @@ import pytest
 from dftc_rt.errors import LogError
 from dftc_rt.log.pieces import read_pieces
 from dftc_rt.log.reader import read
+from dftc_rt.log.recorder import Recorder
 
 from .conftest import SCENARIO, Maker, Sample
 
@@ -42,6 +43,22 @@ def test_a_torn_file_and_the_next_are_one_run(maker: Maker, tmp_path: Path) -> N
     np.testing.assert_array_equal(run.rig["rho"], sample.rigs[:, 7:9])
     assert run.scenario == SCENARIO
     assert [event.text for event in run.events] == ["läuft", "bus off"]
+
+
+def test_a_piece_with_the_truth_alone_belongs_to_the_run(maker: Maker, tmp_path: Path) -> None:
+    sample = maker(700)
+    first = part(sample, tmp_path / "run.mcap", 0, 300)
+    second = tmp_path / "run.2.mcap"  # of a recorder that began when the controller had gone
+    with Recorder(second, sample.cycle, sample.rig) as recorder:
+        recorder.write_rig(sample.rigs[300:])
+    run, note = read_pieces([first, second])
+    assert note == "the summary is made of 2 of 2 files"
+    np.testing.assert_array_equal(run.cycle["t"], sample.cycles[:300, 0])
+    assert run.rig is not None
+    np.testing.assert_array_equal(run.rig["rho"], sample.rigs[:, 7:9])
+    for only in (lambda: read(second), lambda: read_pieces([second])):
+        with pytest.raises(LogError, match="run.2.mcap: no topic /cycle"):
+            only()
 
 
 def test_what_cannot_be_read_is_said(maker: Maker, tmp_path: Path) -> None:
