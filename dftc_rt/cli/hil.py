@@ -139,7 +139,6 @@ def _over(
 ) -> Ended:
     """Open the buses, run, and close them."""
     buses = RigBuses(bus_names(opened.robot.joint_config), opened.scenario.bus, choice)
-    buses.open(directory)
 
     def abandon() -> None:
         """What is left to do for the rig when this process was killed."""
@@ -148,6 +147,7 @@ def _over(
             private.rmdir()
 
     try:
+        buses.open(directory)
         where = {
             "unix": f" (sockets in {directory})",
             "vcan": f" (dftc fault --bus-dir {private})",

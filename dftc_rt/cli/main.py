@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import sys
-from types import FrameType
 from typing import TYPE_CHECKING
 
-from dftc_rt.cli import streams
+from dftc_rt.cli import interruption, streams
 from dftc_rt.errors import DftcError
 
 if TYPE_CHECKING:
@@ -83,13 +80,9 @@ def build() -> App:
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit."""
     streams.guard()
-    before = signal.getsignal(signal.SIGINT)
-    if before is signal.default_int_handler:
-        # An exception may be swallowed or reported by whatever is being imported.
-        signal.signal(signal.SIGINT, _leave)
+    interruption.leave_at_once()
     app = build()
-    if before is signal.default_int_handler:
-        signal.signal(signal.SIGINT, before)
+    interruption.interrupt_once()
     sys.exit(run(sys.argv[1:] if arguments is None else arguments, app))
 
 
@@ -111,10 +104,4 @@ def run(arguments: list[str], app: App | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         print("dftc: interrupted", file=sys.stderr)
-        return 130
-
-
-def _leave(number: int, frame: FrameType | None) -> None:
-    """End at once: nothing has been started yet."""
-    print("dftc: interrupted", file=sys.stderr, flush=True)
-    os._exit(130)
+        return interruption.EXIT_CODE

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import tomllib
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import msgspec
@@ -16,8 +14,8 @@ from dftc_rt.bus.directory import resolve_directory
 from dftc_rt.bus.frame_record import Records
 from dftc_rt.bus.select import choose_bus
 from dftc_rt.cli.frames import logged_frames, spelled
+from dftc_rt.cli.interruption import stop_requests
 from dftc_rt.cli.processes.buses import RigBuses
-from dftc_rt.cli.processes.child import STOP_SIGNALS
 from dftc_rt.config.load import from_raw
 from dftc_rt.config.scenario import Scenario
 from dftc_rt.errors import InputError, LogError
@@ -73,32 +71,26 @@ def play(
     table = msgspec.structs.replace(scenario.bus, timing="off", interface=choice.kind)
     buses = RigBuses(can.buses, table, choice)
     directory = resolve_directory(bus_dir)
-    buses.open(directory)
     name_process("dftc-play")
-    ended = [False]
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        ended[0] = True
-
-    before = {s: signal.signal(s, stop) for s in STOP_SIGNALS}
-    try:
-        ports = buses.ports()
-        player = Player(ports, can.records)
-        where = f" (sockets in {directory})" if choice.kind == "unix" else ""
-        print(
-            f"{log}: {player.expected} frames of the controller on {', '.join(can.buses)}; "
-            f"{choice.reason}{where}; Ctrl-C ends",
-            file=sys.stderr,
-            flush=True,
-        )
-        run_playback(player, ports, lambda: ended[0])
-        for port in ports:
-            port.close()
-    finally:
-        buses.release()
-        for number, handler in before.items():
-            signal.signal(number, handler)
-    return _report(player, run, can, json, interrupted=ended[0])
+    ended: list[bool] = []
+    with stop_requests(lambda: ended.append(True)):
+        buses.open(directory)
+        try:
+            ports = buses.ports()
+            player = Player(ports, can.records)
+            where = f" (sockets in {directory})" if choice.kind == "unix" else ""
+            print(
+                f"{log}: {player.expected} frames of the controller on {', '.join(can.buses)}; "
+                f"{choice.reason}{where}; Ctrl-C ends",
+                file=sys.stderr,
+                flush=True,
+            )
+            run_playback(player, ports, lambda: bool(ended))
+            for port in ports:
+                port.close()
+        finally:
+            buses.release()
+    return _report(player, run, can, json, interrupted=bool(ended))
 
 
 def _scenario(run: Run, where: str) -> Scenario:

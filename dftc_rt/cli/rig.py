@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import FrameType
 
 import msgspec
 
 from dftc_rt.bus.directory import resolve_directory
+from dftc_rt.bus.select import BusChoice
 from dftc_rt.cli import session
+from dftc_rt.cli.interruption import stop_requests
 from dftc_rt.cli.processes.buses import RigBuses, choose, make_rig
-from dftc_rt.cli.processes.child import STOP_SIGNALS
 from dftc_rt.cli.processes.roles import RIG_PRIORITY, rig_core, take_faults
+from dftc_rt.cli.session import Session
 from dftc_rt.cli.simulate import warm_up
 from dftc_rt.drives.wiring import bus_names
 from dftc_rt.errors import InputError
@@ -23,6 +23,7 @@ from dftc_rt.rt.process import RealTime, name_process, report_refused
 from hil.bus.statistics import BusStatistics
 from hil.fault_desk import FaultDesk
 from hil.loop import run_lockstep, run_wall
+from hil.rig import Rig
 
 
 def rig(
@@ -66,37 +67,17 @@ def rig(
     warm_up(opened)
     buses = RigBuses(names, opened.scenario.bus, choice)
     directory = resolve_directory(bus_dir)
-    buses.open(directory)
     name_process("dftc-rig")
-    truth = Ring.create("dftc-rig", 4096, opened.rig.size)
-    events = EventRing.create("dftc-events-rig")
-    ended = [False]
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        ended[0] = True
-
-    before = {s: signal.signal(s, stop) for s in STOP_SIGNALS}
-    real_time: RealTime | None = None
-    desk: FaultDesk | None = None
-    try:
-        ports = buses.ports()
-        made = make_rig(opened, ports, truth, events.write)
-        if buses.directory is not None:
-            desk = take_faults(made, opened, directory, _say)
-        where = f" (sockets in {directory})" if choice.kind == "unix" else ""
-        print(
-            f"{opened.robot.name}: {opened.robot.n} drives on {', '.join(names)}; "
-            f"{choice.reason}{where}; Ctrl-C ends",
-            file=sys.stderr,
-            flush=True,
-        )
-        if lockstep:
-            run_lockstep(made, ports, lambda: ended[0])
-        else:
-            real_time = RealTime(RIG_PRIORITY, rig_core(opened))
-            report_refused("rig", real_time.refused)
-            run_wall(made, ports, lambda: ended[0])
-        statistics = {port.name: port.statistics for port in ports}
+    ended: list[bool] = []
+    with stop_requests(lambda: ended.append(True)):
+        buses.open(directory)
+        try:
+            made, statistics = _serve(
+                opened, choice, buses, directory, lambda: bool(ended), lockstep=lockstep
+            )
+        finally:
+            buses.release()
+    if json:
         found = {
             "rig_time_s": made.t,
             "steps": made.steps,
@@ -109,23 +90,55 @@ def rig(
             },
             "buses": {name: msgspec.to_builtins(each) for name, each in statistics.items()},
         }
-        for port in ports:
-            port.close()
-    finally:
-        if desk is not None:
-            desk.close()
-        buses.release()
-        if real_time is not None:
-            real_time.release()
-        for number, handler in before.items():
-            signal.signal(number, handler)
-    if json:
         sys.stdout.write(msgspec.json.encode(found).decode() + "\n")
     else:
         print(f"served {made.steps} cycles in {made.t:.3f} s of rig time")
-        for name, bus_found in statistics.items():
-            print(traffic(name, bus_found, made.t))
+        for name, each in statistics.items():
+            print(traffic(name, each, made.t))
     return 0
+
+
+def _serve(
+    opened: Session,
+    choice: BusChoice,
+    buses: RigBuses,
+    directory: Path,
+    ended: Callable[[], bool],
+    *,
+    lockstep: bool,
+) -> tuple[Rig, dict[str, BusStatistics]]:
+    """Serve until ``ended``; return the rig and what went over each bus."""
+    truth = Ring.create("dftc-rig", 4096, opened.rig.size)
+    events = EventRing.create("dftc-events-rig")
+    real_time: RealTime | None = None
+    desk: FaultDesk | None = None
+    try:
+        ports = buses.ports()
+        made = make_rig(opened, ports, truth, events.write)
+        if buses.directory is not None:
+            desk = take_faults(made, opened, directory, _say)
+        where = f" (sockets in {directory})" if choice.kind == "unix" else ""
+        print(
+            f"{opened.robot.name}: {opened.robot.n} drives on {', '.join(buses.names)}; "
+            f"{choice.reason}{where}; Ctrl-C ends",
+            file=sys.stderr,
+            flush=True,
+        )
+        if lockstep:
+            run_lockstep(made, ports, ended)
+        else:
+            real_time = RealTime(RIG_PRIORITY, rig_core(opened))
+            report_refused("rig", real_time.refused)
+            run_wall(made, ports, ended)
+        statistics = {port.name: port.statistics for port in ports}
+        for port in ports:
+            port.close()
+        return made, statistics
+    finally:
+        if desk is not None:
+            desk.close()
+        if real_time is not None:
+            real_time.release()
 
 
 def _say(t: float, severity: int, source: str, text: str) -> None:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from types import FrameType
 
 import msgspec
 import numpy as np
@@ -18,8 +16,8 @@ from rich.console import Console
 from rich.progress import Progress
 
 from dftc_rt.cli import session
+from dftc_rt.cli.interruption import stop_requests
 from dftc_rt.cli.output import log_file
-from dftc_rt.cli.processes.child import STOP_SIGNALS
 from dftc_rt.cli.session import Session
 from dftc_rt.controller import connect
 from dftc_rt.errors import InputError
@@ -150,7 +148,8 @@ def run_simulation(
         if recorder is not None and tapped is not None and tapped.pending >= least:
             drain_frames(tapped, recorder, ending=True)
 
-    with _StopOnSignal(abort) as stop, _Bar(opened, cycles, progress) as tick:
+    stop = _Stop(abort)
+    with stop_requests(stop), _Bar(opened, cycles, progress) as tick:
 
         def stop_requested() -> bool:
             tick()
@@ -212,24 +211,16 @@ class _SayIfSlow:
         self._timer.join()  # no thread is left when a process is forked
 
 
-class _StopOnSignal:
-    """Turns SIGINT and SIGTERM into a request; the handlers before come back at the end."""
+class _Stop:
+    """A request to stop; with ``abort`` the first is an exception too, and may be swallowed."""
 
     def __init__(self, abort: bool) -> None:
         self.requested = False
         self._abort = abort
 
-    def __enter__(self) -> _StopOnSignal:
-        self._before = {s: signal.signal(s, self._on) for s in STOP_SIGNALS}
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-
-    def _on(self, number: int, frame: FrameType | None) -> None:
-        self.requested = True
-        if self._abort:
+    def __call__(self) -> None:
+        first, self.requested = not self.requested, True
+        if first and self._abort:
             raise KeyboardInterrupt
 
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import signal
 from pathlib import Path
-from types import FrameType
 
-from dftc_rt.cli.processes.child import STOP_SIGNALS
+from dftc_rt.cli.interruption import stop_requests
 from dftc_rt.log.reader import read
 from dftc_rt.replay.stored import robot_of
 from dftc_rt.rt.process import name_process
@@ -35,20 +33,12 @@ def view(log: str | Path) -> int:
     """
     check_installed()
     run = read(log)
-    ended: list[int] = []
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        ended.append(number)
-
+    ended: list[bool] = []
     playback = Playback(run, robot_of(run, str(log)), Path(log).name)
     name_process("dftc-view")
-    before = {number: signal.signal(number, stop) for number in STOP_SIGNALS}
-    try:
+    with stop_requests(lambda: ended.append(True)):
         print(f"{playback.page.url}  (Ctrl-C ends)", flush=True)
         if playback.scene.note:
             print(playback.scene.note, flush=True)
         playback.serve(lambda: bool(ended))
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
     return 0

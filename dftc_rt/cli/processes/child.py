@@ -26,9 +26,6 @@ from dftc_rt.rt.process import die_with_parent, name_process
 
 _REPORT_LIMIT = 1 << 20
 
-STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""What asks a run to stop safely: Ctrl-C, a polite kill, a terminal that closes."""
-
 
 class Flags:
     """A page that all processes of a run share.

@@ -8,15 +8,14 @@ up, and knows how it all ended.
 from __future__ import annotations
 
 import os
-import signal
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
-from dftc_rt.cli.processes.child import STOP_SIGNALS, Child, Flags
+from dftc_rt.cli.interruption import stop_requests
+from dftc_rt.cli.processes.child import Child, Flags
 from dftc_rt.cli.processes.roles import Rings
 from dftc_rt.rt.executor import ERROR
 
@@ -118,8 +117,11 @@ class Launcher:
 
     def run(self) -> Ended:
         """Start everything, wait for the controller's end, and end everything."""
+        with stop_requests(self._ask_to_stop):
+            return self._run()
+
+    def _run(self) -> Ended:
         controller_role, rig_role, recorder_role = self._roles
-        before = {s: signal.signal(s, self._on_signal) for s in STOP_SIGNALS}
         children: list[Child] = []
         try:
             recorder = self._start_recorder(recorder_role)
@@ -177,8 +179,6 @@ class Launcher:
         finally:
             for child in children:
                 child.kill()
-            for number, handler in before.items():
-                signal.signal(number, handler)
         return self._ended
 
     def _look_at_rig(self, rig: Child) -> None:
@@ -285,7 +285,7 @@ class Launcher:
         newest = self._rings.cycle.latest()
         return float(newest[0]) if newest is not None else 0.0
 
-    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+    def _ask_to_stop(self) -> None:
         self._ended.interrupted = True
         self._flags.stop = True
         if not self._requested_at:

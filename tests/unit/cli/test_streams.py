@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -96,23 +97,56 @@ def test_a_terminal_without_greek_gets_a_summary() -> None:
         # While the kernels are compiled.
         "import dftc_rt.cli.simulate as simulate\n"
         "simulate.connect = lambda *_, **__: interrupt()\n",
+        # When the sockets lie there, and no process has been started.
+        "import dftc_rt.cli.processes.buses as buses\n"
+        "listen = buses.listen\n"
+        "buses.listen = lambda *each: (listen(*each), interrupt())[0]\n",
     ],
-    ids=["imports", "loading", "warming up"],
+    ids=["imports", "loading", "warming up", "buses"],
 )  # fmt: skip
-def test_ctrl_c_before_the_run_is_one_line(when: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_before_the_run_is_one_line(number: int, when: str, tmp_path: Path) -> None:
     script = (
         "import os, signal, sys\n"
         "from dftc_rt.cli.main import main\n"
         "def interrupt():\n"
-        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    try:\n"
+        f"        os.kill(os.getpid(), {number:d})\n"
+        "    finally:\n"  # and again, while what is there is cleaned up
+        f"        os.kill(os.getpid(), {number:d})\n"
         f"{when}main(['hil', 'ur5_elbow_loss', '--set', 'duration_s=0.1'])\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=tmp_path, env=os.environ | {"TMPDIR": str(tmp_path)},
+        capture_output=True, text=True, timeout=60, preexec_fn=_hears_ctrl_c,
+    )  # fmt: skip
+    assert done.returncode == 130, done.stderr
+    assert said(done) == "dftc: interrupted"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_terminal_that_closes_is_not_heard_under_nohup(tmp_path: Path) -> None:
+    script = (
+        "import os, signal\n"
+        "signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"  # as nohup does
+        "import dftc_rt.cli.simulate as simulate\n"
+        "from dftc_rt.cli.main import main\n"
+        "connect = simulate.connect\n"
+        "def hang_up(*each):\n"
+        "    os.kill(os.getpid(), signal.SIGHUP)\n"
+        "    return connect(*each)\n"
+        "simulate.connect = hang_up\n"
+        "main(['simulate', 'ur5_elbow_loss', '--set', 'duration_s=0.1'])\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=60
     )
-    assert done.returncode == 130, done.stderr
-    assert said(done) == "dftc: interrupted"
-    assert list(tmp_path.iterdir()) == []
+    assert done.returncode == 0, done.stderr
+
+
+def _hears_ctrl_c() -> None:
+    """Undo what a shell does to what it runs in the background."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def test_a_launcher_that_fails_lets_the_robot_come_to_rest(tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ def test_a_piece_with_the_truth_alone_belongs_to_the_run(maker: Maker, tmp_path:
     assert run.rig is not None
     np.testing.assert_array_equal(run.rig["rho"], sample.rigs[:, 7:9])
     for only in (lambda: read(second), lambda: read_pieces([second])):
-        with pytest.raises(LogError, match="run.2.mcap: no topic /cycle"):
+        with pytest.raises(LogError, match=r"run\.2\.mcap: no topic /cycle"):
             only()
 
 
