@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
+from types import FrameType
 
 import msgspec
 import numpy as np
@@ -15,12 +16,13 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
+from dftc_rt.bus.interface import FrameSocket
 from dftc_rt.cli import session
 from dftc_rt.cli.interruption import stop_requests
 from dftc_rt.cli.output import log_file
 from dftc_rt.cli.session import Session
 from dftc_rt.controller import connect
-from dftc_rt.errors import InputError
+from dftc_rt.errors import BusError, InputError
 from dftc_rt.log.ending import SOURCE
 from dftc_rt.log.process import drain_frames
 from dftc_rt.log.recorder import Recorder
@@ -121,11 +123,12 @@ def run_simulation(
         opened: From :func:`dftc_rt.cli.session.open_session`.
         recorder: Also write the run here.
         progress: Show a progress bar on a terminal.
-        abort: End by KeyboardInterrupt when asked to stop, instead of coming to rest.
+        abort: End by KeyboardInterrupt when asked to stop, and do not wait for a compiler.
         frames: Write every frame too; needs a recorder that has a layout of frames.
 
     Raises:
         DriveError: A drive refuses its set-up.
+        KeyboardInterrupt: It was asked to stop, with ``abort``.
     """
     events: list[Event] = []
 
@@ -148,7 +151,7 @@ def run_simulation(
         if recorder is not None and tapped is not None and tapped.pending >= least:
             drain_frames(tapped, recorder, ending=True)
 
-    stop = _Stop(abort)
+    stop = _Stop(joined.sockets if abort else ())
     with stop_requests(stop), _Bar(opened, cycles, progress) as tick:
 
         def stop_requested() -> bool:
@@ -156,11 +159,18 @@ def run_simulation(
             log_frames(_FRAMES // 2)
             return stop.requested
 
-        executor = connect(
-            opened.scenario, opened.parts, joined.sockets, LockstepClock(), cycles, event,
-            stop_requested, tapped,
-        )  # fmt: skip
-        outcome = executor.run()
+        try:
+            executor = connect(
+                opened.scenario, opened.parts, joined.sockets, LockstepClock(), cycles, event,
+                stop_requested, tapped,
+            )  # fmt: skip
+            outcome = executor.run()
+        except BusError:
+            if abort and stop.requested:  # the sockets were cut, whatever became of the exception
+                raise KeyboardInterrupt from None
+            raise
+    if abort and stop.requested:  # after the last cycle, too: nobody else has heard of it
+        raise KeyboardInterrupt
     event(executor.t, INFO, SOURCE, session.ending(outcome))
     log_frames(0)
     for each in (cycles, truth):
@@ -192,9 +202,7 @@ def warm_up(opened: Session) -> None:
     short = msgspec.structs.replace(opened.scenario, duration_s=0.02, bus=bus)
     brief = dataclasses.replace(opened, scenario=short)
     with _SayIfSlow("compiling the kernels; once per installation, this takes a minute or so"):
-        _, outcome = run_simulation(brief, progress=False, abort=True)
-    if outcome.end_state == "interrupted":
-        raise KeyboardInterrupt
+        run_simulation(brief, progress=False, abort=True)
 
 
 class _SayIfSlow:
@@ -202,6 +210,7 @@ class _SayIfSlow:
 
     def __init__(self, line: str) -> None:
         self._timer = threading.Timer(2.5, print, (line,), {"file": sys.stderr, "flush": True})
+        self._timer.daemon = True  # not waited for, should a signal leave a lock of its held
 
     def __enter__(self) -> None:
         self._timer.start()
@@ -212,16 +221,33 @@ class _SayIfSlow:
 
 
 class _Stop:
-    """A request to stop; with ``abort`` the first is an exception too, and may be swallowed."""
+    """A request to stop, which the loop looks at once a cycle.
 
-    def __init__(self, abort: bool) -> None:
+    With sockets to cut, it also ends a compiler's work, which may take a minute, by an
+    exception. Nowhere else: out of nowhere, that may leave a lock held which the set-up's
+    own end waits for without end (that of canopen's queue of answers).
+    """
+
+    def __init__(self, cut: Sequence[FrameSocket]) -> None:
         self.requested = False
-        self._abort = abort
+        self._cut = cut
 
     def __call__(self) -> None:
-        first, self.requested = not self.requested, True
-        if first and self._abort:
+        self.requested = True
+        if self._cut and _compiling():
+            for socket in self._cut:  # nothing more is compiled only to take leave
+                socket.close()
             raise KeyboardInterrupt
+
+
+def _compiling() -> bool:
+    """Return whether Numba is at work below the caller."""
+    frame: FrameType | None = sys._getframe()
+    while frame is not None:
+        if frame.f_globals.get("__name__", "").startswith("numba."):
+            return True
+        frame = frame.f_back
+    return False
 
 
 class _Bar(AbstractContextManager[Callable[[], None]]):

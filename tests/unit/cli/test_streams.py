@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import signal
 import subprocess
@@ -79,10 +80,9 @@ def test_a_terminal_without_greek_gets_a_summary() -> None:
     assert "?s (p50" in done.stdout
 
 
-@pytest.mark.parametrize(
-    "when",
-    [
-        # While modules are loaded, even where an exception would be swallowed.
+_BEFORE = {
+    # While modules are loaded, even where an exception would be swallowed.
+    "imports": (
         "class Finder:\n"
         "    def find_spec(self, name, *_):\n"
         "        if name == 'dftc_rt.cli.hil':\n"
@@ -90,22 +90,48 @@ def test_a_terminal_without_greek_gets_a_summary() -> None:
         "                interrupt()\n"
         "            except BaseException:\n"
         "                pass\n"
-        "sys.meta_path.insert(0, Finder())\n",
-        # While the scenario is loaded.
-        "import dftc_rt.cli.session as session\n"
-        "session.scenario_robot = lambda *_: interrupt()\n",
-        # While the kernels are compiled.
+        "sys.meta_path.insert(0, Finder())\n"
+    ),
+    # While the scenario is loaded.
+    "loading": (
+        "import dftc_rt.cli.session as session\nsession.scenario_robot = lambda *_: interrupt()\n"
+    ),
+    # While the warm-up sets the drives up.
+    "warming up": (
         "import dftc_rt.cli.simulate as simulate\n"
-        "simulate.connect = lambda *_, **__: interrupt()\n",
-        # When the sockets lie there, and no process has been started.
+        "connect = simulate.connect\n"
+        "simulate.connect = lambda *each: (interrupt(), connect(*each))[1]\n"
+    ),
+    # While its kernels are compiled, or loaded.
+    "compiling": (
+        "import dftc_rt.cli.simulate as simulate\n"
+        "import numba.core.caching as caching\n"
+        "connect, load = simulate.connect, caching.FunctionCache.load_overload\n"
+        "def interrupted(*each):\n"
+        "    caching.FunctionCache.load_overload = lambda *e: (interrupt(), load(*e))[1]\n"
+        "    return connect(*each)\n"
+        "simulate.connect = interrupted\n"
+    ),
+    # When its last cycle is over.
+    "warmed up": (
+        "from dftc_rt.rt.executor import Executor\n"
+        "run = Executor.run\n"
+        "Executor.run = lambda executor: (run(executor), interrupt())[0]\n"
+    ),
+    # When the sockets lie there, and no process has been started.
+    "buses": (
         "import dftc_rt.cli.processes.buses as buses\n"
         "listen = buses.listen\n"
-        "buses.listen = lambda *each: (listen(*each), interrupt())[0]\n",
-    ],
-    ids=["imports", "loading", "warming up", "buses"],
-)  # fmt: skip
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_before_the_run_is_one_line(number: int, when: str, tmp_path: Path) -> None:
+        "buses.listen = lambda *each: (listen(*each), interrupt())[0]\n"
+    ),
+}
+_EACH_IN_TURN = itertools.cycle((signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
+
+
+@pytest.mark.parametrize(
+    ("when", "number"), list(zip(_BEFORE.values(), _EACH_IN_TURN, strict=False)), ids=_BEFORE
+)
+def test_a_signal_before_the_run_is_one_line(when: str, number: int, tmp_path: Path) -> None:
     script = (
         "import os, signal, sys\n"
         "from dftc_rt.cli.main import main\n"
