@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from dftc_rt.cli import interruption, streams
 from dftc_rt.errors import DftcError
@@ -11,34 +12,23 @@ from dftc_rt.errors import DftcError
 if TYPE_CHECKING:
     from cyclopts import App
 
-# Everything else is imported in build(): that takes a second, and Ctrl-C must work in it.
+# In the order in which the help shows them: each is a module here with a function of its name.
+_COMMANDS: Final = (
+    "simulate", "hil", "rig", "control", "play", "calibrate", "identify", "analyze", "report",
+    "view", "export", "replay", "recover", "paper", "benchmark", "robots", "doctor", "bus", "fault",
+)  # fmt: skip
+_GROUPS: Final = ("bus", "fault")  # their function makes an application with commands of its own
 
 
-def build() -> App:
-    """Return the command-line application."""
-    from cyclopts import App, Parameter
+def build(only: str | None = None) -> App:
+    """Return the command-line application.
 
-    from dftc_rt.cli import (
-        analyze,
-        benchmark,
-        bus,
-        calibrate,
-        control,
-        doctor,
-        export,
-        fault,
-        hil,
-        identify,
-        paper,
-        play,
-        recover,
-        replay,
-        report,
-        rig,
-        robots,
-        simulate,
-        view,
-    )
+    Args:
+        only: A command that is going to be called: the others, and all that they import, which
+            takes a second or two, are left out; with ``--version`` all of them. Anything else:
+            all are in.
+    """
+    from cyclopts import App, Parameter  # that takes its time, too, and Ctrl-C must work in it
 
     app = App(
         name="dftc",
@@ -52,28 +42,12 @@ def build() -> App:
         # A flag has a negative form only where it is on by default.
         default_parameter=Parameter(negative=()),
     )
-    for function in (
-        simulate.simulate,
-        hil.hil,
-        rig.rig,
-        control.control,
-        play.play,
-        calibrate.calibrate,
-        identify.identify,
-        analyze.analyze,
-        report.report,
-        view.view,
-        export.export,
-        replay.replay,
-        recover.recover,
-        paper.paper,
-        benchmark.benchmark,
-        robots.robots,
-        doctor.doctor,
-    ):
-        app.command(function)
-    app.command(bus.bus())
-    app.command(fault.fault())
+    wanted = tuple(name for name in _COMMANDS if name == only)
+    if not wanted and only != "--version":
+        wanted = _COMMANDS
+    for name in wanted:
+        function = getattr(importlib.import_module(f"dftc_rt.cli.{name}"), name)
+        app.command(function() if name in _GROUPS else function)
     return app
 
 
@@ -81,9 +55,10 @@ def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit."""
     streams.guard()
     interruption.leave_at_once()
-    app = build()
+    arguments = sys.argv[1:] if arguments is None else arguments
+    app = build(*arguments[:1])
     interruption.interrupt_once()
-    sys.exit(run(sys.argv[1:] if arguments is None else arguments, app))
+    sys.exit(run(arguments, app))
 
 
 def run(arguments: list[str], app: App | None = None) -> int:
@@ -91,7 +66,7 @@ def run(arguments: list[str], app: App | None = None) -> int:
     from cyclopts import CycloptsError
 
     try:
-        code = (app or build())(arguments)
+        code = (app or build(*arguments[:1]))(arguments)
         sys.stdout.flush()
         return int(code or 0)
     except streams.OutputError as error:

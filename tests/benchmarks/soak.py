@@ -43,10 +43,10 @@ _PATIENT = (
 
 @dataclass(frozen=True)
 class Sample:
-    """One process at one moment: seconds, resident memory in kB, open descriptors."""
+    """One process at one moment: seconds, its own memory in kB, open descriptors."""
 
     t: float
-    rss_kb: int
+    memory_kb: int
     descriptors: int
 
 
@@ -64,11 +64,11 @@ class Watch(threading.Thread):
         while not self._ended.wait(self._every_s):
             for launcher in _children(os.getpid()):
                 for pid in (launcher, *_children(launcher)):
-                    with contextlib.suppress(OSError, ValueError):  # it has just ended
+                    with contextlib.suppress(OSError, ValueError, KeyError):  # it has just ended
                         name = Path(f"/proc/{pid}/comm").read_text().strip()
                         sample = Sample(
                             time.monotonic() - begun,
-                            _rss_kb(pid),
+                            _memory_kb(pid),
                             len(os.listdir(f"/proc/{pid}/fd")),
                         )
                         self.found[name].append(sample)
@@ -88,15 +88,16 @@ def _children(pid: int) -> list[int]:
         return []
 
 
-def _rss_kb(pid: int) -> int:
-    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") // 1024
+def _memory_kb(pid: int) -> int:
+    """Resident memory but for files, whose pages the system takes and gives back as it likes."""
+    told = dict(line.split(":", 1) for line in Path(f"/proc/{pid}/status").read_text().splitlines())
+    return sum(int(told[key].split()[0]) for key in ("RssAnon", "RssShmem"))
 
 
 def slope_kb_per_min(samples: Sequence[Sample]) -> float:
     """Least-squares slope of the memory of one process, kB/min."""
     t = np.array([sample.t for sample in samples]) / 60.0
-    memory = np.array([sample.rss_kb for sample in samples], dtype=np.float64)
+    memory = np.array([sample.memory_kb for sample in samples], dtype=np.float64)
     return float(np.polyfit(t - t.mean(), memory, 1)[0])
 
 
@@ -168,7 +169,7 @@ def _chunks(log: Path) -> int:
 def _processes(lasting: Mapping[str, Sequence[Sample]]) -> Table:
     rows = [
         (
-            name, len(inside), inside[0].rss_kb, inside[-1].rss_kb, slope_kb_per_min(inside),
+            name, len(inside), inside[0].memory_kb, inside[-1].memory_kb, slope_kb_per_min(inside),
             min(s.descriptors for s in inside), max(s.descriptors for s in inside),
         )
         for name, inside in sorted(lasting.items())

@@ -188,7 +188,8 @@ class Launcher:
         waits for the rig to be built, which may take minutes where kernels are compiled: then
         nothing else tells a rig that compiles from one that was stopped.
         """
-        if self._real_time and self._rig_lives.stands(0, rig.stopped):
+        waiting = self._real_time and not self._flags.running
+        if self._rig_lives.stands(0, waiting and rig.stopped):
             self._trouble(f"dftc-rig was stopped for {_HANG_S:g} s; it was killed")
             rig.kill()
         elif rig.poll() is None:
