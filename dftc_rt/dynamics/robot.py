@@ -240,7 +240,10 @@ def _refuse_impossible(robot: Robot) -> None:
     for: many published URDFs break it, and nothing here needs it.
     """
     for name, body in zip(robot.joints, robot.model.inertias[1:], strict=True):
-        eigenvalues = np.linalg.eigvalsh(body.inertia)
+        if not np.isfinite(body.inertia).all():
+            continue  # neither is the mass matrix, then
+        size = np.abs(body.inertia).max() or 1.0  # squares of it may be none
+        eigenvalues = np.linalg.eigvalsh(body.inertia / size) * size
         if not eigenvalues[0] >= -max(_ROUNDING * abs(eigenvalues[-1]), _MIN_INERTIA):
             found = f"joint '{name}' moves a body with a moment of {eigenvalues[0]:g} kg m^2"
             raise InputError(str(robot.urdf_path), found, "an <inertia> not below 0 about any axis")
