@@ -46,7 +46,7 @@ demo: $(VENV)/.installed ## Run the demo; ends with a summary, names its log and
 
 test: $(VENV)/.installed-dev ## Run the test suite
 ifeq ($(strip $(PYTEST_ARGS)),)
-	$(BIN)/python -m pytest -n 2 --dist loadfile -p no:benchmark --durations=10 \
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -p no:benchmark --durations=10 \
 	  -m '$(CHOSEN) and not realtime'
 	$(BIN)/python -m pytest --durations=10 -m '$(CHOSEN) and realtime'
 else

@@ -218,7 +218,7 @@ def test_an_unlocked_mimic_joint_is_refused():
          "joint 'j0' moves a body with a moment of -0.01 kg m^2"),
         (urdf_of(("revolute", LIMIT)).replace('ixz="0"', 'ixz="1e200"'),
          "joint 'j0' moves a body with a moment of -1e+200 kg m^2"),
-        (urdf_of(("revolute", LIMIT), ("fixed", "")).replace('mass value="1"', 'mass value="1e308"'),
+        (urdf_of(("revolute", LIMIT), ("fixed", "")).replace('"1"', '"1e308"'),
          "the mass matrix is not finite"),
         (urdf_of(("revolute", LIMIT), inertial=""), "joint 'j0' moves no mass"),
         (urdf_of(("revolute", LIMIT), ("revolute", LIMIT)).replace(
