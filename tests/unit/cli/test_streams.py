@@ -17,7 +17,6 @@ from dftc_rt.cli.processes.roles import Rings
 from dftc_rt.cli.session import open_session
 from tests.integration.commands import DFTC
 
-
 SHORT = "simulate ur5_elbow_loss --set duration_s=0.1 --set fault=[]"
 
 
