@@ -98,20 +98,30 @@ class BusDirectory:
             ) from error
         check_directory(path)
         self._lock = _claim(path)
-        for entry in path.iterdir():
-            if stat.S_ISSOCK(entry.lstat().st_mode):
-                entry.unlink()
+        _remove_sockets(path)
 
     def release(self) -> None:
-        """Remove the sockets and the claim; a second call does nothing."""
+        """Remove the sockets and the claim; a second call does nothing.
+
+        Somebody may have removed the directory meanwhile, and another have made it anew: what
+        lies there then is not ours.
+        """
         if self._lock < 0:
             return
-        for entry in self.path.iterdir():
-            if stat.S_ISSOCK(entry.lstat().st_mode):
-                entry.unlink()
-        (self.path / _OWNER_FILE).unlink(missing_ok=True)
+        owner = self.path / _OWNER_FILE
+        with contextlib.suppress(FileNotFoundError, NotADirectoryError):
+            if os.path.samestat(owner.lstat(), os.fstat(self._lock)):
+                _remove_sockets(self.path)
+                owner.unlink(missing_ok=True)
         os.close(self._lock)
         self._lock = -1
+
+
+def _remove_sockets(path: Path) -> None:
+    for entry in path.iterdir():
+        with contextlib.suppress(FileNotFoundError):
+            if stat.S_ISSOCK(entry.lstat().st_mode):
+                entry.unlink()
 
 
 def _claim(path: Path) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -115,6 +116,26 @@ def test_stale_sockets_go_and_other_files_stay(tmp_path: Path) -> None:
     assert sorted(entry.name for entry in directory.iterdir()) == ["notes", "owner.pid"]
     claim.release()
     assert [entry.name for entry in directory.iterdir()] == ["notes"]
+
+
+def test_a_directory_that_somebody_removed_is_released_all_the_same(tmp_path: Path) -> None:
+    first = BusDirectory(tmp_path / "bus")
+    shutil.rmtree(first.path)
+    first.release()
+    assert not first.path.exists()
+
+
+def test_a_directory_that_is_anothers_by_now_is_left_to_him(tmp_path: Path) -> None:
+    first = BusDirectory(tmp_path / "bus")
+    shutil.rmtree(first.path)
+    second = BusDirectory(tmp_path / "bus")
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    listener.bind(str(second.path / "can0"))
+    first.release()
+    assert {path.name for path in second.path.iterdir()} == {"can0", "owner.pid"}
+    second.release()
+    assert list(second.path.iterdir()) == []
+    listener.close()
 
 
 @pytest.mark.parametrize("name", ["", "..", "a/b", ".can0", "can 0", "owner.pid", "c\0"])
