@@ -233,7 +233,9 @@ def test_cycles_that_the_recorder_lost_end_the_replay(logged: Run, tmp_path: Pat
         again(dataclasses.replace(logged, cycle=headless))
 
 
-def test_torn_logs(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_torn_logs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = simulated(tmp_path / "run.mcap", "duration_s=5.0", LOSS)  # of several chunks
+    capsys.readouterr()
     torn, whole = tmp_path / "torn.mcap", tmp_path / "whole.mcap"
     torn.write_bytes(log.read_bytes()[: int(0.6 * log.stat().st_size)])
     assert command(["replay", str(torn)]) == 2
