@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 LinkFrames = Callable[[NDArray[np.float64]], Iterable[cdr.Frame]]
 """q, shape (n,), rad → parent, child, xyz in m and quaternion (x, y, z, w) of each link."""
 
-CHUNK_BYTES: Final = 1 << 20  # the writer keeps some 280 bytes a chunk, its index, until the end
+CHUNK_BYTES: Final = 1 << 20  # of each the writer keeps its index, some 300 bytes, until the end
 FLUSH_S: Final = 0.2  # with a drain every 20 ms, a killed process loses less than 300 ms
 VIEW_HZ: Final = 50.0
 _ROWS_AT_ONCE: Final = 4096
