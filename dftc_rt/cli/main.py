@@ -24,9 +24,9 @@ def build(only: str | None = None) -> App:
     """Return the command-line application.
 
     Args:
-        only: A command that is going to be called: the others, and all that they import, which
-            takes a second or two, are left out; with ``--version`` all of them. Anything else:
-            all are in.
+        only: The first word of the command line. With a command, the others and all that they
+            import, which takes time, are left out; with ``--version``, all are. With anything
+            else, or nothing, all are in.
     """
     from cyclopts import App, Parameter  # that takes its time, too, and Ctrl-C must work in it
 

@@ -236,13 +236,13 @@ def _refuse_impossible(robot: Robot) -> None:
 
     Whether the mass matrix is positive at home does not tell: a negative moment of inertia may
     lie about an axis that another pose turns into a joint's. With a mass and a rotational inertia
-    that are not negative, kinetic energy is none in no pose. The triangle inequality is not asked
-    for: many published URDFs break it, and nothing here needs it.
+    that are not negative, no motion has an energy below 0, whatever the pose. The triangle
+    inequality is not asked for: many published URDFs break it, and nothing here needs it.
     """
     for name, body in zip(robot.joints, robot.model.inertias[1:], strict=True):
         if not np.isfinite(body.inertia).all():
             continue  # neither is the mass matrix, then
-        size = np.abs(body.inertia).max() or 1.0  # squares of it may be none
+        size = np.abs(body.inertia).max() or 1.0  # its square may be beyond every number
         eigenvalues = np.linalg.eigvalsh(body.inertia / size) * size
         if not eigenvalues[0] >= -max(_ROUNDING * abs(eigenvalues[-1]), _MIN_INERTIA):
             found = f"joint '{name}' moves a body with a moment of {eigenvalues[0]:g} kg m^2"

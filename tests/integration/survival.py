@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dftc_rt.errors import LogError
 from dftc_rt.log.pieces import read_pieces
-from dftc_rt.log.reader import is_torn
+from dftc_rt.log.reader import is_torn, read_piece
 from dftc_rt.log.recover import recover
 from dftc_rt.log.run import Run
 from tests.integration.commands import PATIENT, Started, gone, until
@@ -90,11 +90,13 @@ def logged(folder: Path) -> Run | None:
         whole.append(path)
     if not whole:
         return None
-    try:
-        return read_pieces(whole)[0]
-    except LogError as error:
-        assert "no topic /cycle" in str(error)  # noqa: PT017 - it ended before a record came
-        return None
+    began = False
+    for path in whole:
+        try:
+            began = bool(read_piece(path).cycle) or began
+        except LogError as error:
+            assert "no topic /cycle" in str(error)  # noqa: PT017 - it ended before a record came
+    return read_pieces(whole)[0] if began else None
 
 
 def arguments(folder: Path, duration_s: float = 600.0) -> list[str | Path]:
